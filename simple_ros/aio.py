@@ -1,0 +1,78 @@
+"""The asyncio face of simple_ros: nodes, publishers, subscribers and timers on an event loop.
+
+::
+
+    from simple_ros import aio
+    from simple_ros.msg.std_msgs import String
+
+    async def main():
+        async with aio.NodeHandle("talker") as node:
+            publisher = await node.advertise("chatter", String)
+            node.create_timer(0.1, lambda event: publisher.publish(String(data="hello")))
+            await node.spin()
+
+    aio.run(main())
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from collections.abc import Coroutine
+from typing import Any, TypeVar
+
+from simple_ros.net.master_client import MasterClient
+from simple_ros.node import NodeHandle
+from simple_ros.publisher import Publisher, PublisherStatistics
+from simple_ros.schedule import TimerEvent
+from simple_ros.subscriber import Subscriber, SubscriberStatistics
+from simple_ros.timers import Timer
+
+__all__ = [
+    "MasterClient",
+    "NodeHandle",
+    "Publisher",
+    "PublisherStatistics",
+    "Subscriber",
+    "SubscriberStatistics",
+    "Timer",
+    "TimerEvent",
+    "run",
+]
+
+Result = TypeVar("Result")
+
+
+def run(main: Coroutine[Any, Any, Result]) -> Result | None:
+    """Run a program until it ends or is asked to end.
+
+    On SIGINT or SIGTERM ``main`` is cancelled, so that its ``async with`` blocks say goodbye, and
+    None is returned. A second signal while it does changes nothing.
+    """
+    with asyncio.Runner() as runner:
+        return runner.run(_until_signal(main))
+
+
+async def _until_signal(main: Coroutine[Any, Any, Result]) -> Result | None:
+    loop = asyncio.get_running_loop()
+    task = loop.create_task(main)
+    stopped = False
+
+    def stop() -> None:
+        nonlocal stopped
+        if not stopped:
+            stopped = True
+            task.cancel()
+
+    signals = (signal.SIGINT, signal.SIGTERM)
+    for number in signals:
+        loop.add_signal_handler(number, stop)
+    try:
+        return await task
+    except asyncio.CancelledError:
+        if stopped and task.cancelled():
+            return None
+        raise
+    finally:
+        for number in signals:
+            loop.remove_signal_handler(number)

@@ -1,0 +1,218 @@
+"""Every error this project raises on purpose.
+
+Each error also inherits the builtin a caller would expect and carries its facts as attributes::
+
+    SimpleRosError
+    ├── InvalidName            ValueError       a topic, node or frame name breaks the rules
+    ├── UnknownMessageType     LookupError      no message class of that full name
+    ├── ConfigError            ValueError       a setting has no meaning
+    ├── HandleClosed           RuntimeError     a node, publisher or subscription is used after close()
+    ├── AddressInUse           OSError          somebody else listens on the port
+    ├── FrameError             ValueError       a byte stream is not simple_ros framing
+    ├── MessageTooLarge        ValueError       a message does not fit the frame or the limit
+    ├── QueueFull              BlockingIOError  an ``overflow="block"`` publisher has no room now
+    ├── MasterUnavailable      ConnectionError  nobody answers at the Master's address
+    ├── RegistrationRefused    RuntimeError     the Master said no
+    ├── NodeNameTaken          RuntimeError     a newer node runs under this node's name
+    ├── TopicTypeMismatch      TypeError        the topic carries another message type
+    └── QosIncompatible        ValueError       what is offered is less than what is asked for
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+__all__ = [
+    "AddressInUse",
+    "ConfigError",
+    "FrameError",
+    "HandleClosed",
+    "InvalidName",
+    "MasterUnavailable",
+    "MessageTooLarge",
+    "NodeNameTaken",
+    "QosIncompatible",
+    "QueueFull",
+    "RegistrationRefused",
+    "SimpleRosError",
+    "TopicTypeMismatch",
+    "UnknownMessageType",
+]
+
+
+class SimpleRosError(Exception):
+    """Root of the project's errors."""
+
+
+class InvalidName(SimpleRosError, ValueError):
+    """A name breaks the naming rules; the message points at the character.
+
+    Attributes:
+        name: The name as given.
+        position: Index of the offending character, 0 for an empty name.
+        reason: What is wrong with it.
+    """
+
+    def __init__(self, kind: str, name: str, position: int, reason: str) -> None:
+        self.kind = kind
+        self.name = name
+        self.position = position
+        self.reason = reason
+        super().__init__(f"{kind} name {reason}:\n  {name!r}\n  {' ' * (position + 1)}^")
+
+
+class UnknownMessageType(SimpleRosError, LookupError):
+    """No message class of that full name can be found.
+
+    Attributes:
+        type_name: The name asked for.
+        suggestions: Known names that look like it.
+    """
+
+    def __init__(self, type_name: str, suggestions: Sequence[str] = ()) -> None:
+        self.type_name = type_name
+        self.suggestions = tuple(suggestions)
+        hint = f"; did you mean {' or '.join(self.suggestions)}?" if suggestions else ""
+        super().__init__(f"unknown message type {type_name!r}{hint}")
+
+
+class ConfigError(SimpleRosError, ValueError):
+    """A setting has no meaning; the message names it and what would be right."""
+
+
+class HandleClosed(SimpleRosError, RuntimeError):
+    """A node, publisher, subscription or timer is used after it was closed."""
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        super().__init__(f"{what} is closed")
+
+
+class AddressInUse(SimpleRosError, OSError):
+    """Somebody else listens on the address.
+
+    Attributes:
+        address: ``host:port``.
+    """
+
+    def __init__(self, address: str, hint: str = "") -> None:
+        self.address = address
+        super().__init__(f"{address} is in use by another program{hint}")
+
+
+class FrameError(SimpleRosError, ValueError):
+    """A byte stream is not simple_ros framing; the link it came on must close.
+
+    Attributes:
+        reason: What was found.
+    """
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(reason)
+
+
+class MessageTooLarge(SimpleRosError, ValueError):
+    """A message does not fit.
+
+    Attributes:
+        size: Its size in bytes.
+        limit: The limit in bytes.
+    """
+
+    def __init__(self, topic: str, size: int, limit: int) -> None:
+        self.topic = topic
+        self.size = size
+        self.limit = limit
+        super().__init__(f"message of {size} bytes on {topic!r} is over the limit of {limit} bytes")
+
+
+class QueueFull(SimpleRosError, BlockingIOError):
+    """A publisher with ``overflow="block"`` has no room now; nothing was sent or queued."""
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        super().__init__(
+            f"a subscriber of {topic!r} cannot keep up; use 'await publisher.publish_async(msg)' "
+            "to wait for room"
+        )
+
+
+class MasterUnavailable(SimpleRosError, ConnectionError):
+    """Nobody answers at the Master's address.
+
+    Attributes:
+        address: ``host:port`` that was tried.
+    """
+
+    def __init__(self, address: str, reason: str = "") -> None:
+        self.address = address
+        detail = f" ({reason})" if reason else ""
+        super().__init__(
+            f"no Master answers at {address}{detail}; start one with 'simple-ros-master' or point "
+            "SIMPLE_ROS_MASTER at it"
+        )
+
+
+class RegistrationRefused(SimpleRosError, RuntimeError):
+    """The Master refused a registration; the message carries its reason."""
+
+
+class NodeNameTaken(SimpleRosError, RuntimeError):
+    """A newer node registered under this node's name; this one has stopped registering.
+
+    Attributes:
+        node_name: The name both want.
+        taken_by: Address ``ip:port`` of the newer node, empty if unknown.
+    """
+
+    def __init__(self, node_name: str, taken_by: str = "") -> None:
+        self.node_name = node_name
+        self.taken_by = taken_by
+        where = f" at {taken_by}" if taken_by else ""
+        super().__init__(f"node name {node_name!r} was taken over by a newer node{where}")
+
+
+class TopicTypeMismatch(SimpleRosError, TypeError):
+    """A topic carries another message type.
+
+    Attributes:
+        topic: Canonical topic name.
+        node_name: The node that came with ``msg_type``.
+        msg_type: The type it came with.
+        existing_type: The type the topic has.
+        existing_nodes: Names of the nodes that use ``existing_type``.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        node_name: str,
+        msg_type: str,
+        existing_type: str,
+        existing_nodes: Sequence[str] = (),
+    ) -> None:
+        self.topic = topic
+        self.node_name = node_name
+        self.msg_type = msg_type
+        self.existing_type = existing_type
+        self.existing_nodes = tuple(existing_nodes)
+        others = ", ".join(repr(name) for name in existing_nodes) or "another node"
+        super().__init__(
+            f"topic {topic!r}: node {node_name!r} uses {msg_type}, "
+            f"but {others} uses {existing_type}"
+        )
+
+
+class QosIncompatible(SimpleRosError, ValueError):
+    """What the publisher offers is less than what the subscription requests.
+
+    Attributes:
+        topic: Canonical topic name.
+        policies: Names of the policies that do not fit, such as ``"reliability"``.
+    """
+
+    def __init__(self, topic: str, policies: Sequence[str], detail: str) -> None:
+        self.topic = topic
+        self.policies = tuple(policies)
+        super().__init__(f"topic {topic!r}: incompatible QoS, {detail}")

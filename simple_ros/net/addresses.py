@@ -1,0 +1,175 @@
+"""Which addresses a node has, and which of them it shows to others."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import os
+import socket
+
+from simple_ros.errors import ConfigError
+
+__all__ = [
+    "DEFAULT_MASTER",
+    "RESERVED_PORTS",
+    "find_own_ipv4",
+    "further_addresses",
+    "join_address",
+    "keep_alive",
+    "listening_socket",
+    "master_address",
+    "own_ipv4",
+    "split_address",
+]
+
+DEFAULT_MASTER = "localhost:50051"
+RESERVED_PORTS = frozenset({50052, 50053, 60002})
+"""Fixed ports of C++ simple_ros tools, which abort when somebody else has them."""
+
+
+def split_address(address: str, default_port: int | None = None) -> tuple[str, int]:
+    """``host:port``, ``[v6]:port`` or ``host`` (with a default port) as a pair.
+
+    Raises:
+        ConfigError: It is none of these.
+    """
+    text = address.strip()
+    host, colon, port = text.rpartition(":")
+    if not colon or text.endswith("]") or (":" in host and not host.startswith("[")):
+        host, port = text, "" if default_port is None else str(default_port)
+    host = host.removeprefix("[").removesuffix("]")
+    if not host or not port.isdigit() or not 0 <= int(port) <= 65535:
+        raise ConfigError(f"{address!r} is not an address; write host:port or [v6]:port")
+    return host, int(port)
+
+
+def join_address(host: str, port: int) -> str:
+    """The text form, with brackets around an IPv6 host."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def master_address(explicit: str | None = None) -> str:
+    """Where the Master is: as given, else ``SIMPLE_ROS_MASTER``, else ``localhost:50051``.
+
+    Raises:
+        ConfigError: It is no address.
+    """
+    chosen = explicit or os.environ.get("SIMPLE_ROS_MASTER") or DEFAULT_MASTER
+    return join_address(*split_address(chosen, default_port=50051))
+
+
+def own_ipv4(master: str) -> str:
+    """The dotted IPv4 that peers see, chosen by the route to the Master.
+
+    ``127.0.0.1`` when the Master is on this host. A Master that only has an IPv6 address gives the
+    first IPv4 of this host that is not loopback, or ``127.0.0.1``.
+    """
+    host, port = split_address(master)
+    try:
+        infos = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect(infos[0][4])
+            return str(probe.getsockname()[0])
+    except OSError:
+        if _is_loopback(host):
+            return "127.0.0.1"
+        others = [text for text in _interface_addresses() if ":" not in text]
+        return others[0] if others else "127.0.0.1"
+
+
+async def find_own_ipv4(master: str) -> str:
+    """As `own_ipv4`, without holding up the event loop while a host name is looked up."""
+    host, _ = split_address(master)
+    if host == "localhost" or host.replace(".", "").isdigit() or ":" in host:
+        return own_ipv4(master)
+    return await asyncio.to_thread(own_ipv4, master)
+
+
+def further_addresses(ip: str, port: int) -> tuple[str, ...]:
+    """``host:port`` of this host's other interfaces, for peers that cannot reach ``ip``."""
+    if _is_loopback(ip):
+        return ()
+    return tuple(join_address(text, port) for text in _interface_addresses() if text != ip)
+
+
+def _interface_addresses() -> list[str]:
+    import psutil
+
+    families = (socket.AF_INET, socket.AF_INET6)
+    found = [
+        entry.address
+        for entries in psutil.net_if_addrs().values()
+        for entry in entries
+        if entry.family in families and "%" not in entry.address
+    ]
+    return sorted(
+        (text for text in found if not _is_loopback(text)), key=lambda text: (":" in text, text)
+    )
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def listening_socket(host: str, port: int) -> socket.socket:
+    """A bound, listening TCP socket; port 0 gives any free port that is not reserved.
+
+    Raises:
+        OSError: The address cannot be bound.
+    """
+    refused: list[socket.socket] = []
+    try:
+        while True:
+            sock = _bind(host, port)
+            if port or sock.getsockname()[1] not in RESERVED_PORTS:
+                sock.listen(socket.SOMAXCONN)
+                return sock
+            refused.append(sock)
+    finally:
+        for sock in refused:
+            sock.close()
+
+
+def _bind(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    sock = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        sock.setblocking(False)
+        sock.bind((host, port))
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def keep_alive(
+    sock: socket.socket, user_timeout_s: float | None = None, *, idle_s: float = 8.0
+) -> None:
+    """Let the kernel notice a peer host that vanished: idle links by probes, busy ones by a limit.
+
+    Args:
+        sock: A connected TCP socket.
+        user_timeout_s: How long sent data may stay unacknowledged.
+        idle_s: How long an idle link may give no sign of life, rounded to whole seconds, at least 2.
+    """
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    probes = max(1, min(3, round(idle_s) // 2))
+    settings = {
+        "TCP_KEEPIDLE": max(1, round(idle_s) - probes),
+        "TCP_KEEPINTVL": 1,
+        "TCP_KEEPCNT": probes,
+    }
+    for name, value in settings.items():
+        option = getattr(socket, name, None)
+        if option is not None:
+            sock.setsockopt(socket.IPPROTO_TCP, option, value)
+    if user_timeout_s is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(user_timeout_s * 1000))

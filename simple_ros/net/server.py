@@ -1,0 +1,146 @@
+"""The one listener of a node: peers bring data, the Master brings pushes."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections.abc import Callable
+
+from simple_ros.errors import AddressInUse
+from simple_ros.net.addresses import join_address, keep_alive, listening_socket
+from simple_ros.net.feeder import Feeder, Receiver, Source
+from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES, FrameDecoder, Run
+
+__all__ = ["InboundLink", "NodeServer"]
+
+logger = logging.getLogger(__name__)
+
+
+class InboundLink(asyncio.BufferedProtocol):
+    """One accepted connection. Nothing is ever written back.
+
+    Attributes:
+        peer: ``host:port`` of the other side.
+        violation: Whether it was closed for not speaking simple_ros framing.
+    """
+
+    def __init__(self, receiver: Receiver, max_message_bytes: int) -> None:
+        self.peer = "?"
+        self.violation = False
+        self._receiver = receiver
+        self._decoder = FrameDecoder(max_message_bytes)
+        self._transport: asyncio.Transport | None = None
+        self._ended = False
+        self._feeder = Feeder(self, receiver, self._pause, self._go_on)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        host, port = (transport.get_extra_info("peername") or ("?", 0))[:2]
+        self.peer = join_address(host, port)
+        sock = transport.get_extra_info("socket")
+        if sock is not None:
+            keep_alive(sock)
+
+    def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002
+        return self._decoder.get_buffer()
+
+    def buffer_updated(self, nbytes: int) -> None:
+        runs = self._decoder.received(nbytes)
+        if runs:
+            self._feeder.feed(runs)
+        if self._decoder.error is not None and not self.violation:
+            self.violation = True
+            logger.warning("link from %s closed: %s", self.peer, self._decoder.error)
+            assert self._transport is not None
+            self._transport.abort()
+
+    def _pause(self) -> None:
+        assert self._transport is not None
+        self._transport.pause_reading()
+
+    def _go_on(self) -> None:
+        if self._ended:
+            self._receiver.link_ended(self)
+        elif self._transport is not None and not self._transport.is_closing():
+            self._transport.resume_reading()
+
+    def eof_received(self) -> bool:
+        """Close at once: a C++ Master dies if a push connection stays half open."""
+        return False
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._decoder.mid_message and not self.violation:
+            logger.debug("link from %s ended inside a message (%s)", self.peer, exc)
+        self._ended = True
+        if not self._feeder.is_stalled:
+            self._receiver.link_ended(self)
+
+    def expect_life_within(self, seconds: float) -> None:
+        """Probe the peer's host so that it is missed after about ``seconds``, in whole seconds."""
+        if self._transport is not None:
+            keep_alive(self._transport.get_extra_info("socket"), idle_s=seconds)
+
+    def close(self) -> None:
+        """End the connection."""
+        if self._transport is not None:
+            self._transport.close()
+
+
+class NodeServer:
+    """Listens on one port, on one or more local addresses."""
+
+    def __init__(
+        self, receiver: Receiver, max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES
+    ) -> None:
+        self.port = 0
+        self.links: set[InboundLink] = set()
+        self._receiver = receiver
+        self._max_message_bytes = max_message_bytes
+        self._servers: list[asyncio.Server] = []
+
+    async def start(self, hosts: tuple[str, ...], port: int = 0) -> None:
+        """Listen on all ``hosts`` with the same port; 0 takes any free one.
+
+        Raises:
+            AddressInUse: Somebody else listens on the port.
+        """
+        loop = asyncio.get_running_loop()
+        for sock in self._bind(hosts, port):
+            self._servers.append(await loop.create_server(self._accepted, sock=sock))
+
+    def _bind(self, hosts: tuple[str, ...], port: int) -> list[socket.socket]:
+        sockets: list[socket.socket] = []
+        try:
+            for host in hosts:
+                sockets.append(listening_socket(host, self.port or port))
+                self.port = sockets[0].getsockname()[1]
+        except OSError as error:
+            if not sockets:
+                raise AddressInUse(join_address(hosts[0], port), f" ({error.strerror})") from error
+            # The first address works; a second family is a bonus (a host without IPv6, say).
+            logger.debug("not listening on %s: %s", hosts[len(sockets)], error)
+        return sockets
+
+    def _accepted(self) -> InboundLink:
+        link = InboundLink(self, self._max_message_bytes)
+        self.links.add(link)
+        return link
+
+    def receive(self, link: Source, run: Run, resume: Callable[[], None], *, force: bool) -> int:
+        """Pass on."""
+        return self._receiver.receive(link, run, resume, force=force)
+
+    def link_ended(self, link: Source) -> None:
+        """Forget the link and pass on."""
+        self.links.discard(link)
+        self._receiver.link_ended(link)
+
+    async def close(self) -> None:
+        """Stop listening and end every connection."""
+        for server in self._servers:
+            server.close()
+        self._servers.clear()
+        for link in list(self.links):
+            link.close()

@@ -1,0 +1,524 @@
+"""The node: one name, one listener, one Master, any number of publishers, subscribers and timers."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import uuid
+from collections.abc import Callable
+from typing import Any, Self, TypeVar, overload
+
+from google.protobuf.message import DecodeError, Message
+
+from simple_ros import names
+from simple_ros.callbacks import CallbackGuard
+from simple_ros.errors import HandleClosed, SimpleRosError, TopicTypeMismatch
+from simple_ros.events import IncompatibleQos, QosEventCallback, TypeConflict
+from simple_ros.msg.registry import MsgFactory
+from simple_ros.net.addresses import find_own_ipv4, further_addresses, master_address
+from simple_ros.net.feeder import Source
+from simple_ros.net.master_client import MasterClient
+from simple_ros.net.server import NodeServer
+from simple_ros.publisher import Publisher
+from simple_ros.qos import DEFAULT, QosProfile, incompatibilities
+from simple_ros.registration import Registrar
+from simple_ros.router import BadMessages, Router
+from simple_ros.rpc import master_pb2 as master
+from simple_ros.rpc import ros_rpc_pb2 as ros
+from simple_ros.rpc.convert import qos_from_proto
+from simple_ros.schedule import TimerSchedule
+from simple_ros.subscriber import Callback, Subscriber
+from simple_ros.timers import Timer, TimerCallback
+from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES
+from simple_ros.wire.session import EndpointKey, EndpointKind, Target
+
+__all__ = ["NodeHandle"]
+
+logger = logging.getLogger(__name__)
+
+MessageT = TypeVar("MessageT", bound=Message)
+
+_FLUSH_S = 0.4
+_nodes: dict[str, NodeHandle] = {}
+
+
+class NodeHandle:
+    """A node of the message graph, on the running event loop.
+
+    Use it as ``async with NodeHandle("talker") as node:``, or call `start` and `close`. Several nodes
+    may live in one process.
+
+    Args:
+        name: Node name; a leading slash means nothing.
+        master: ``host:port`` of the Master; None takes ``SIMPLE_ROS_MASTER``, else
+            ``localhost:50051``.
+        ip: Dotted IPv4 under which peers reach this node; None takes the one that the route to the
+            Master uses.
+        port: Port to listen on; 0 takes any free one.
+        max_message_bytes: Larger incoming messages are counted and dropped.
+
+    Raises:
+        InvalidName: The name breaks the rules.
+        ConfigError: ``master`` is no address.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        master: str | None = None,
+        ip: str | None = None,
+        port: int = 0,
+        max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES,
+    ) -> None:
+        self.name = names.node_name(name)
+        self.master = master_address(master)
+        self.ip = ip or ""
+        self.failure: SimpleRosError | None = None
+        self.instance_id = uuid.uuid4().hex
+        self.guard = CallbackGuard(f"node {self.name!r}")
+        self.router = Router(self._push_came, self._link_ended)
+        self._fixed_ip = ip
+        self._further: tuple[str, ...] = ()
+        self._wanted_port = port
+        self._server = NodeServer(self.router, max_message_bytes)
+        self._registrar: Registrar | None = None
+        self._publishers: dict[EndpointKey, list[Publisher[Any]]] = {}
+        self._subscribers: dict[EndpointKey, list[Subscriber[Any]]] = {}
+        self._timers: set[Timer] = set()
+        self._push_links: dict[Source, set[str]] = {}
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ended = asyncio.Event()
+        self._closed = False
+
+    # -- life ----------------------------------------------------------------------------------
+
+    async def start(self) -> Self:
+        """Listen, then look for the Master in the background.
+
+        Returns at once even if there is no Master yet; what is registered before waits for it.
+
+        Raises:
+            AddressInUse: The port is taken.
+            HandleClosed: The node was closed.
+        """
+        if self._closed:
+            raise HandleClosed(f"node {self.name!r}")
+        if self._registrar is None:
+            self._loop = asyncio.get_running_loop()
+            await self.refresh_addresses()
+            hosts = (self.ip,) if self.ip.startswith("127.") else ("0.0.0.0", "::")
+            await self._server.start(hosts, self._wanted_port)
+            _nodes[self.instance_id] = self
+            self._registrar = Registrar(self, self.master)
+        return self
+
+    async def close(self) -> None:
+        """Send what still waits, say goodbye to the Master, end everything; within 1 s."""
+        if self._closed:
+            return
+        self._closed = True
+        for timer in list(self._timers):
+            timer.close()
+        publishers = [pub for group in self._publishers.values() for pub in group]
+        if publishers:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_FLUSH_S):
+                    await asyncio.gather(*(publisher.flush() for publisher in publishers))
+        if self._registrar is not None:
+            await self._registrar.close()
+        self._abandon()
+        await self._server.close()
+        _nodes.pop(self.instance_id, None)
+        self._ended.set()
+
+    def _abandon(self) -> None:
+        for publishers in self._publishers.values():
+            for publisher in publishers:
+                publisher.abandon()
+        for subscribers in self._subscribers.values():
+            for subscriber in subscribers:
+                subscriber.abandon()
+        for timer in list(self._timers):
+            timer.close()
+
+    async def __aenter__(self) -> Self:
+        return await self.start()
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    async def spin(self) -> None:
+        """Wait until the node ends.
+
+        Raises:
+            NodeNameTaken: A newer node runs under this node's name.
+        """
+        await self._ended.wait()
+        if self.failure is not None:
+            raise self.failure
+
+    async def wait_for_master(self, timeout: float | None = None) -> None:
+        """Return when the Master has answered.
+
+        Raises:
+            TimeoutError: Not within ``timeout`` seconds.
+        """
+        async with asyncio.timeout(timeout):
+            await self._live_registrar().wait_for_master()
+
+    @property
+    def port(self) -> int:
+        """The port the node listens on; 0 before it is started."""
+        return self._server.port
+
+    @property
+    def client(self) -> MasterClient:
+        """For further calls to the Master."""
+        return self._live_registrar().client
+
+    @property
+    def dropped_messages(self) -> BadMessages:
+        """What arrived and could not be delivered, by cause."""
+        return self.router.bad
+
+    def _live_registrar(self) -> Registrar:
+        if self.failure is not None:
+            raise self.failure
+        if self._closed:
+            raise HandleClosed(f"node {self.name!r}")
+        if self._registrar is None:
+            raise RuntimeError(f"node {self.name!r} is not started; use 'async with' or start()")
+        return self._registrar
+
+    # -- what users make -----------------------------------------------------------------------
+
+    async def advertise(
+        self,
+        topic: str,
+        message_class: type[MessageT],
+        *,
+        qos: QosProfile | int = DEFAULT,
+        on_event: QosEventCallback | None = None,
+    ) -> Publisher[MessageT]:
+        """A publisher on a topic; returns when the Master knows it (and waits for a Master).
+
+        Args:
+            topic: Topic name; a leading slash means nothing.
+            message_class: Class of its messages.
+            qos: What is offered; a number is a depth.
+            on_event: Called with `DeadlineMissed`, `IncompatibleQos`, `TypeConflict`.
+
+        Raises:
+            InvalidName: The name breaks the rules.
+            TopicTypeMismatch: The topic has another message type.
+            NodeNameTaken: A newer node runs under this node's name.
+            HandleClosed: The node is closed.
+        """
+        registrar = self._live_registrar()
+        canonical = names.topic_name(topic)
+        profile = _profile(qos)
+        msg_type = _full_name(message_class)
+        key = EndpointKey(EndpointKind.PUBLISHER, canonical, msg_type)
+        publisher = Publisher(self, canonical, message_class, profile, on_event)
+        siblings = self._publishers.setdefault(key, [])
+        if siblings:
+            publisher.targets_update(siblings[0].targets)
+        siblings.append(publisher)
+        try:
+            await registrar.register(key)
+        except BaseException:
+            publisher.abandon()
+            await self.forget_publisher(publisher)
+            raise
+        return publisher
+
+    @overload
+    async def subscribe(
+        self,
+        topic: str,
+        message_type: type[MessageT],
+        callback: Callback[MessageT] | None = None,
+        *,
+        qos: QosProfile | int = DEFAULT,
+        on_event: QosEventCallback | None = None,
+    ) -> Subscriber[MessageT]: ...
+
+    @overload
+    async def subscribe(
+        self,
+        topic: str,
+        message_type: str,
+        callback: Callback[Any] | None = None,
+        *,
+        qos: QosProfile | int = DEFAULT,
+        on_event: QosEventCallback | None = None,
+        raw: bool = False,
+    ) -> Subscriber[Any]: ...
+
+    async def subscribe(
+        self,
+        topic: str,
+        message_type: type[Message] | str,
+        callback: Callback[Any] | None = None,
+        *,
+        qos: QosProfile | int = DEFAULT,
+        on_event: QosEventCallback | None = None,
+        raw: bool = False,
+    ) -> Subscriber[Any]:
+        """A subscription to a topic; returns when the Master knows it (and waits for a Master).
+
+        Args:
+            topic: Topic name; a leading slash means nothing.
+            message_type: Class of its messages, or their full protobuf name.
+            callback: Called with each message; plain or a coroutine function. None leaves messages to
+                ``async for message in subscriber``. Subscriptions of one node to one topic are given
+                the same object: do not change it.
+            qos: What is requested; a number is a depth.
+            on_event: Called with `DeadlineMissed`, `LivelinessChanged`, `IncompatibleQos`,
+                `TypeConflict`.
+            raw: With a type name: deliver serialised ``bytes``, without parsing.
+
+        Raises:
+            InvalidName: The name breaks the rules.
+            UnknownMessageType: No class of that name is known.
+            TopicTypeMismatch: The topic has another message type.
+            NodeNameTaken: A newer node runs under this node's name.
+            HandleClosed: The node is closed.
+        """
+        registrar = self._live_registrar()
+        canonical = names.topic_name(topic)
+        profile = _profile(qos)
+        msg_type, parse = _type_and_parser(message_type, raw=raw)
+        key = EndpointKey(EndpointKind.SUBSCRIBER, canonical, msg_type)
+        subscriber: Subscriber[Any] = Subscriber(
+            self, canonical, msg_type, callback, profile, on_event, wants_bytes=raw
+        )
+        # Listening comes before registering: messages may arrive before the Master's answer.
+        subscriber.route = self.router.add(canonical, msg_type, parse, subscriber)
+        self._subscribers.setdefault(key, []).append(subscriber)
+        try:
+            await registrar.register(key)
+        except BaseException:
+            subscriber.abandon()
+            await self.forget_subscriber(subscriber)
+            raise
+        return subscriber
+
+    def create_timer(
+        self, period: float, callback: TimerCallback, oneshot: bool = False, *, start: bool = True
+    ) -> Timer:
+        """A timer that calls ``callback`` every ``period`` seconds, first after one period.
+
+        Args:
+            period: Seconds, more than 0.
+            callback: Called with a `TimerEvent`; plain or a coroutine function.
+            oneshot: Call once per start.
+            start: Whether to start at once.
+
+        Raises:
+            ConfigError: The period is not a positive number.
+            HandleClosed: The node is closed.
+        """
+        if self._closed:
+            raise HandleClosed(f"node {self.name!r}")
+        timer = Timer(self, TimerSchedule(period, oneshot=oneshot), callback)
+        self._timers.add(timer)
+        if start:
+            timer.start()
+        return timer
+
+    async def forget_publisher(self, publisher: Publisher[Any]) -> None:
+        """A publisher was closed (called by it)."""
+        key = EndpointKey(EndpointKind.PUBLISHER, publisher.topic, publisher.msg_type)
+        self._forget(self._publishers, key, publisher)
+
+    async def forget_subscriber(self, subscriber: Subscriber[Any]) -> None:
+        """A subscription was closed (called by it)."""
+        self.router.remove(subscriber.topic, subscriber.msg_type, subscriber)
+        key = EndpointKey(EndpointKind.SUBSCRIBER, subscriber.topic, subscriber.msg_type)
+        self._forget(self._subscribers, key, subscriber)
+
+    def _forget(self, groups: dict[EndpointKey, list[Any]], key: EndpointKey, item: object) -> None:
+        group = groups.get(key, [])
+        if item in group:
+            group.remove(item)
+        if not group and groups.pop(key, None) is not None and self._registrar is not None:
+            self._registrar.unregister(key)
+
+    def forget_timer(self, timer: Timer) -> None:
+        """A timer was closed (called by it)."""
+        self._timers.discard(timer)
+
+    # -- what peers and the Master say ---------------------------------------------------------
+
+    def local_peer(self, instance_id: str) -> NodeHandle | None:
+        """A node of this process on the same event loop."""
+        node = _nodes.get(instance_id) if instance_id else None
+        return node if node is not None and node._loop is self._loop else None
+
+    def _push_came(self, link: Source, payload: bytes) -> None:
+        try:
+            update = ros.TopicTargetsUpdate.FromString(payload)
+        except DecodeError as error:
+            self.router.bad.add("unparsable", "TopicTargetsUpdate", str(error))
+            return
+        topic = names.canonical(update.topic)
+        self._push_links.setdefault(link, set()).add(topic)
+        self._apply_targets(
+            topic, update.add_targets, update.remove_targets, snapshot=update.snapshot
+        )
+
+    def _apply_targets(
+        self, topic: str, add: Any, remove: Any = (), *, snapshot: bool = False
+    ) -> None:
+        removed = [_target(info, topic) for info in remove]
+        for key, publishers in self._publishers.items():
+            if key.topic != topic:
+                continue
+            added = [_target(info, topic) for info in add if self._fits(info, key)]
+            for publisher in publishers:
+                publisher.targets_update(added, removed, snapshot=snapshot)
+
+    def _fits(self, info: ros.NodeInfo, key: EndpointKey) -> bool:
+        """Whether a target wants this type, as far as it says (C++ Masters push any type)."""
+        endpoint = info.endpoint
+        if names.canonical(endpoint.topic) != key.topic or endpoint.msg_type in ("", key.msg_type):
+            return True
+        mismatch = TopicTypeMismatch(
+            key.topic, info.node_name, endpoint.msg_type, key.msg_type, (self.name,)
+        )
+        self.router.bad.add("type_mismatch", key.topic, str(mismatch))
+        return False
+
+    def _link_ended(self, link: Source) -> None:
+        for topic in self._push_links.pop(link, ()):
+            if self._registrar is not None:
+                self._registrar.push_connection_ended(topic)
+
+    # -- what the registrar asks ---------------------------------------------------------------
+
+    async def refresh_addresses(self) -> None:
+        """Find out anew how peers reach this node: robots roam."""
+        if self._fixed_ip is None:
+            self.ip = await find_own_ipv4(self.master)
+        self._further = further_addresses(self.ip, self.port)
+
+    def node_info(self) -> ros.NodeInfo:
+        """Name, instance and addresses, as they are now."""
+        return ros.NodeInfo(
+            ip=self.ip,
+            port=self.port,
+            node_name=self.name,
+            instance_id=self.instance_id,
+            addresses=self._further,
+        )
+
+    def qos_of(self, key: EndpointKey) -> QosProfile | None:
+        """What this node offers or requests; the first of several handles speaks for all."""
+        groups: dict[EndpointKey, list[Any]] = (
+            self._publishers if key.kind is EndpointKind.PUBLISHER else self._subscribers
+        )
+        group = groups.get(key)
+        return group[0].qos if group else None
+
+    def master_changed(self) -> None:
+        """A Master that knows nothing is about to be told everything."""
+        for publishers in self._publishers.values():
+            for publisher in publishers:
+                publisher.reregistered()
+
+    def subscribers_known(self, topic: str, subscribers: list[ros.NodeInfo]) -> None:
+        """The Master named a topic's subscribers in its answer."""
+        self._apply_targets(topic, subscribers)
+
+    def notice(self, event: master.LeaseEvent) -> None:
+        """The Master has something to say."""
+        match event.WhichOneof("kind"):
+            case "type_conflict":
+                self._type_conflict(event.type_conflict)
+            case "qos_conflict":
+                self._qos_conflict(event.qos_conflict)
+
+    def _type_conflict(self, conflict: master.TypeConflictNotice) -> None:
+        error = TopicTypeMismatch(
+            conflict.topic,
+            conflict.node_name,
+            conflict.msg_type,
+            conflict.existing_type,
+            tuple(conflict.existing_nodes),
+        )
+        logger.warning("TopicTypeMismatch: %s", error)
+        event = TypeConflict(conflict.topic, conflict.node_name, conflict.msg_type)
+        for groups in (self._publishers, self._subscribers):
+            for key, group in groups.items():
+                if key.topic == conflict.topic:
+                    for handle in group:
+                        handle.report(event)
+
+    def _qos_conflict(self, conflict: master.QosConflictNotice) -> None:
+        """Subscribers are warned here; publishers find out by themselves from the push."""
+        offered, requested = qos_from_proto(conflict.offered), qos_from_proto(conflict.requested)
+        problems = incompatibilities(offered, requested)
+        event = IncompatibleQos(
+            conflict.topic,
+            conflict.publisher,
+            conflict.subscriber,
+            tuple(problem.policy for problem in problems),
+        )
+        for key, group in self._subscribers.items():
+            if key.topic == conflict.topic and conflict.subscriber == self.name:
+                logger.warning(
+                    "IncompatibleQos: node %r publishes %r with less than requested here: %s",
+                    conflict.publisher,
+                    conflict.topic,
+                    "; ".join(map(str, problems)),
+                )
+                for subscriber in group:
+                    subscriber.report(event)
+
+    def failed(self, error: SimpleRosError) -> None:
+        """The node is no longer registered, for good."""
+        self.failure = error
+        self._abandon()
+        self._ended.set()
+
+    def __repr__(self) -> str:
+        return f"<NodeHandle {self.name} {self.ip}:{self.port}>"
+
+
+def _profile(qos: QosProfile | int) -> QosProfile:
+    return DEFAULT.replace(depth=qos) if isinstance(qos, int) else qos
+
+
+def _full_name(message_class: type[Message]) -> str:
+    try:
+        return str(message_class.DESCRIPTOR.full_name)
+    except AttributeError:
+        raise TypeError(f"{message_class!r} is not a protobuf message class") from None
+
+
+def _type_and_parser(
+    message_type: type[Message] | str, *, raw: bool
+) -> tuple[str, Callable[[Any], Any]]:
+    if not isinstance(message_type, str):
+        return _full_name(message_type), message_type.FromString
+    if raw:
+        return message_type, bytes
+    message_class = MsgFactory.instance().get_class(message_type)
+    return message_type, message_class.FromString
+
+
+def _target(info: ros.NodeInfo, topic: str) -> Target:
+    endpoint = info.endpoint
+    known = info.HasField("endpoint") and names.canonical(endpoint.topic) == topic
+    return Target(
+        info.ip,
+        info.port,
+        names.canonical(info.node_name),
+        info.instance_id,
+        tuple(info.addresses),
+        endpoint.topic if known else topic,
+        qos_from_proto(endpoint.qos) if known and endpoint.HasField("qos") else None,
+    )

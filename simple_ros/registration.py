@@ -1,0 +1,384 @@
+"""Keeps a node known to the Master, whichever Master comes and goes.
+
+With our own Master a node holds a *lease*, one open stream that is its sign of life, and registers
+everything again within a moment of a Master's return. With a C++ Master (which answers UNIMPLEMENTED
+to the lease) it works as that program demands: one registration at a time, each waiting for the end of
+the push connection it causes, since overlapping pushes kill that Master.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import AsyncIterator, Coroutine, Iterable
+from typing import Any, Protocol
+
+import grpc
+
+from simple_ros.errors import (
+    MasterUnavailable,
+    NodeNameTaken,
+    RegistrationRefused,
+    SimpleRosError,
+    TopicTypeMismatch,
+)
+from simple_ros.net.addresses import join_address
+from simple_ros.net.master_client import LeaseStream, MasterClient
+from simple_ros.qos import QosProfile
+from simple_ros.rpc import master_pb2 as master
+from simple_ros.rpc import methods
+from simple_ros.rpc import ros_rpc_pb2 as ros
+from simple_ros.rpc.convert import qos_to_proto
+from simple_ros.wire.session import Backoff, EndpointKey, EndpointKind, Registrations
+
+__all__ = ["Registrar", "RegistrarHost"]
+
+logger = logging.getLogger(__name__)
+
+_PIPELINED = 64
+_FOREIGN_PUSH_S = 1.0
+_FOREIGN_SPACING_S = 0.02
+_SAY_WAITING_AFTER_S = 1.0
+_GOODBYE_S = 0.4
+
+
+class RegistrarHost(Protocol):
+    """The node, as its registrar sees it."""
+
+    name: str
+
+    async def refresh_addresses(self) -> None:
+        """Find out anew how peers reach this node: robots roam."""
+
+    def node_info(self) -> ros.NodeInfo:
+        """Name, instance and addresses, as they are now."""
+
+    def qos_of(self, key: EndpointKey) -> QosProfile | None:
+        """What the node offers or requests on a registration."""
+
+    def master_changed(self) -> None:
+        """A Master that knows nothing is about to be told everything."""
+
+    def subscribers_known(self, topic: str, subscribers: list[ros.NodeInfo]) -> None:
+        """The Master named a topic's subscribers in its answer."""
+
+    def notice(self, event: master.LeaseEvent) -> None:
+        """The Master has something to say."""
+
+    def failed(self, error: SimpleRosError) -> None:
+        """The node is no longer registered, for good."""
+
+
+class Registrar:
+    """Tells the Master what a node publishes and subscribes.
+
+    Attributes:
+        client: The connection to the Master, for further calls.
+        is_foreign: Whether the present Master is C++ simple_ros; None before the first contact.
+    """
+
+    def __init__(self, host: RegistrarHost, address: str | None) -> None:
+        self.client = MasterClient(address, keepalive=True)
+        self.is_foreign: bool | None = None
+        self._host = host
+        self._address = self.client.address
+        self._registrations = Registrations()
+        self._waiting: dict[EndpointKey, list[asyncio.Future[None]]] = {}
+        self._wake = asyncio.Event()
+        self._contact = asyncio.Event()
+        self._push_ended: dict[str, asyncio.Event] = {}
+        self._lease: LeaseStream | None = None
+        self._leaving = False
+        self._task = asyncio.get_running_loop().create_task(self._run(), name="registrar")
+
+    # -- wishes --------------------------------------------------------------------------------
+
+    async def register(self, key: EndpointKey) -> None:
+        """Register now and with every later Master; returns when the Master knows.
+
+        Raises:
+            TopicTypeMismatch: The topic has another type; nothing stays registered.
+            RegistrationRefused: The Master said no.
+        """
+        self._registrations.want(key)
+        if self._registrations.is_told(key):
+            return
+        future = asyncio.get_running_loop().create_future()
+        self._waiting.setdefault(key, []).append(future)
+        self._wake.set()
+        await future
+
+    def unregister(self, key: EndpointKey) -> None:
+        """Take a registration back."""
+        self._registrations.unwant(key)
+        self._wake.set()
+
+    async def wait_for_master(self) -> None:
+        """Return when a Master has answered."""
+        await self._contact.wait()
+
+    def push_connection_ended(self, topic: str) -> None:
+        """A connection that brought a push about ``topic`` (canonical) has ended."""
+        event = self._push_ended.get(topic)
+        if event is not None:
+            event.set()
+
+    # -- keeping contact -----------------------------------------------------------------------
+
+    async def _run(self) -> None:
+        backoff = Backoff(0.05, 0.5)
+        while not self._leaving:
+            try:
+                await self._session()
+                backoff.reset()
+            except NodeNameTaken as error:
+                self._end(error)
+                return
+            except (grpc.aio.AioRpcError, MasterUnavailable, ConnectionError) as error:
+                logger.debug("Master at %s: %s", self._address, error)
+            self._contact.clear()
+            self._registrations.master_changed()
+            if not self._leaving:
+                await asyncio.sleep(backoff.next_delay())
+
+    async def _session(self) -> None:
+        """One life of one Master, from its first answer to its end."""
+        await self._host.refresh_addresses()
+        lease = self.client.lease()
+        try:
+            async with _said_when_slow(self._address):
+                granted = await lease.open(self._host.node_info())
+        except grpc.aio.AioRpcError as error:
+            lease.cancel()
+            if error.code() is not grpc.StatusCode.UNIMPLEMENTED:
+                raise
+            await self._foreign_session()
+            return
+        except BaseException:
+            lease.cancel()
+            raise
+        logger.debug("leased by Master %s at %s", granted.master_id, self._address)
+        self._lease = lease
+        self._met(foreign=False)
+        try:
+            await _first_of(self._listen(lease), self._tell_all())
+        finally:
+            self._lease = None
+            lease.cancel()
+
+    async def _foreign_session(self) -> None:
+        """The same with a C++ Master, which would cut a connection that it sees probed."""
+        probing, self.client = self.client, MasterClient(self._address)
+        await probing.close()
+        self._met(foreign=True)
+        try:
+            await _first_of(self.client.wait_until_lost(), self._tell_foreign())
+        finally:
+            plain, self.client = self.client, MasterClient(self._address, keepalive=True)
+            await plain.close()
+
+    def _met(self, *, foreign: bool) -> None:
+        self.is_foreign = foreign
+        self._registrations.master_changed()
+        self._host.master_changed()
+        self._contact.set()
+
+    async def _listen(self, lease: LeaseStream) -> None:
+        while (event := await lease.next_event()) is not None:
+            if event.WhichOneof("kind") == "name_taken":
+                by = event.name_taken.taken_by
+                raise NodeNameTaken(self._host.name, join_address(by.ip, by.port))
+            self._host.notice(event)
+
+    # -- telling our Master --------------------------------------------------------------------
+
+    async def _tell_all(self) -> None:
+        while True:
+            self._wake.clear()
+            for key in iter(self._registrations.next_farewell, None):
+                self._registrations.farewell_said(key)
+                await self._say_farewell(key)
+            keys = [key for key in self._registrations.wanted if not self._is_told(key)]
+            for start in range(0, len(keys), _PIPELINED):
+                await _all(map(self._tell_one, keys[start : start + _PIPELINED]))
+            if not self._wake.is_set():
+                await self._wake.wait()
+
+    def _is_told(self, key: EndpointKey) -> bool:
+        return self._registrations.is_told(key)
+
+    async def _tell_one(self, key: EndpointKey) -> None:
+        self._answered(key, await self._tell(key))
+
+    async def _tell(self, key: EndpointKey) -> SimpleRosError | None:
+        """Register; return why the Master refused, if it did."""
+        fields: dict[str, Any] = {
+            "topic_name": key.topic,
+            "msg_type": key.msg_type,
+            "node_info": self._endpoint_info(key),
+            "strict": key in self._waiting,
+        }
+        response: ros.SubscribeResponse | ros.RegisterPublisherResponse
+        if key.kind is EndpointKind.PUBLISHER:
+            answer = await self.client.call(
+                methods.REGISTER_PUBLISHER, ros.RegisterPublisherRequest(**fields)
+            )
+            self._registrations.told(key)
+            if answer.subscribers:
+                self._host.subscribers_known(key.topic, list(answer.subscribers))
+            response = answer
+        else:
+            response = await self.client.call(methods.SUBSCRIBE, ros.SubscribeRequest(**fields))
+            self._registrations.told(key)
+        return self._refusal(key, response)
+
+    def _refusal(
+        self, key: EndpointKey, response: ros.SubscribeResponse | ros.RegisterPublisherResponse
+    ) -> SimpleRosError | None:
+        if response.success:
+            return None
+        if not response.HasField("type_conflict"):
+            return RegistrationRefused(f"{key.kind.value} of {key.topic!r}: {response.message}")
+        conflict = response.type_conflict
+        return TopicTypeMismatch(
+            key.topic,
+            self._host.name,
+            key.msg_type,
+            conflict.existing_type,
+            tuple(conflict.existing_nodes),
+        )
+
+    def _answered(self, key: EndpointKey, refusal: SimpleRosError | None = None) -> None:
+        waiting = self._waiting.pop(key, [])
+        if refusal is not None:
+            if waiting:
+                self._registrations.unwant(key)
+                self._registrations.farewell_said(key)
+            else:
+                logger.error("not registered: %s", refusal)
+        for future in waiting:
+            if future.done():
+                continue
+            if refusal is None:
+                future.set_result(None)
+            else:
+                future.set_exception(refusal)
+
+    async def _say_farewell(self, key: EndpointKey) -> None:
+        fields: dict[str, Any] = {
+            "topic_name": key.topic,
+            "msg_type": key.msg_type,
+            "node_info": self._host.node_info(),
+        }
+        if key.kind is EndpointKind.PUBLISHER:
+            await self.client.call(
+                methods.UNREGISTER_PUBLISHER, ros.UnregisterPublisherRequest(**fields)
+            )
+        else:
+            await self.client.call(methods.UNSUBSCRIBE, ros.UnsubscribeRequest(**fields))
+
+    def _endpoint_info(self, key: EndpointKey) -> ros.NodeInfo:
+        info = self._host.node_info()
+        info.endpoint.topic = key.topic
+        info.endpoint.msg_type = key.msg_type
+        profile = self._host.qos_of(key)
+        if profile is not None:
+            info.endpoint.qos.CopyFrom(qos_to_proto(profile))
+        return info
+
+    # -- telling a C++ Master ------------------------------------------------------------------
+
+    async def _tell_foreign(self) -> None:
+        while True:
+            self._wake.clear()
+            await self._tell_foreign_what_is_due()
+            if not self._wake.is_set():
+                await self._wake.wait()
+
+    async def _tell_foreign_what_is_due(self) -> None:
+        for key in iter(self._registrations.next_farewell, None):
+            self._registrations.farewell_said(key)
+            await self._say_farewell(key)
+            await asyncio.sleep(_FOREIGN_SPACING_S)
+        for key in iter(self._registrations.next_registration, None):
+            ended = self._push_ended.setdefault(key.topic, asyncio.Event())
+            ended.clear()
+            refusal = await self._tell(key)
+            if key.kind is EndpointKind.PUBLISHER:
+                # The push always comes, even with no targets, and its connection then ends.
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(ended.wait(), _FOREIGN_PUSH_S)
+            else:
+                await asyncio.sleep(_FOREIGN_SPACING_S)
+            self._answered(key, refusal)
+
+    # -- the end -------------------------------------------------------------------------------
+
+    def _end(self, error: SimpleRosError) -> None:
+        logger.error("%s", error)
+        for key in list(self._waiting):
+            for future in self._waiting.pop(key):
+                if not future.done():
+                    future.set_exception(error)
+        self._host.failed(error)
+
+    async def close(self) -> None:
+        """Say goodbye, if a Master is there (up to 0.4 s), and stop."""
+        with contextlib.suppress(
+            TimeoutError, grpc.aio.AioRpcError, SimpleRosError, asyncio.InvalidStateError
+        ):
+            await asyncio.wait_for(self._say_goodbye(), _GOODBYE_S)
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+        self._end_waiting()
+        await self.client.close()
+
+    async def _say_goodbye(self) -> None:
+        self._leaving = True
+        if self._lease is not None:
+            await self._lease.leave()
+            await asyncio.wait([self._task])
+        elif self.is_foreign and self._contact.is_set():
+            for key in self._registrations.wanted:
+                self._registrations.unwant(key)
+            await self._tell_foreign_what_is_due()
+
+    def _end_waiting(self) -> None:
+        for futures in self._waiting.values():
+            for future in futures:
+                future.cancel()
+        self._waiting.clear()
+
+
+async def _all(coroutines: Iterable[Coroutine[Any, Any, None]]) -> None:
+    """Run together until all have ended, then raise the first exception there was."""
+    for result in await asyncio.gather(*coroutines, return_exceptions=True):
+        if isinstance(result, BaseException):
+            raise result
+
+
+async def _first_of(*coroutines: Coroutine[Any, Any, None]) -> None:
+    """Run together until one ends; the others are cancelled, an exception is raised."""
+    tasks = [asyncio.ensure_future(coroutine) for coroutine in coroutines]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+@contextlib.asynccontextmanager
+async def _said_when_slow(address: str) -> AsyncIterator[None]:
+    """Log once if what is inside takes long."""
+    loop = asyncio.get_running_loop()
+    handle = loop.call_later(
+        _SAY_WAITING_AFTER_S, logger.warning, "waiting for a Master at %s", address
+    )
+    try:
+        yield
+    finally:
+        handle.cancel()

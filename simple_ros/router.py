@@ -1,0 +1,233 @@
+"""From received frames to the subscriptions of a node.
+
+A `Router` holds one `Route` per (canonical topic, type) that somebody in the node subscribes to. What
+arrives and cannot be delivered (unknown topic, another type, unparsable, too large) is counted,
+logged once per cause and dropped; the link it came on stays, since a C++ publisher never dials
+again.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from google.protobuf.message import DecodeError
+
+from simple_ros.names import canonical
+from simple_ros.net.feeder import Source
+from simple_ros.qos import QosProfile
+from simple_ros.wire.framing import TARGETS_UPDATE_TYPE, Run, header_names
+
+__all__ = ["BadMessages", "Route", "Router", "Sink"]
+
+logger = logging.getLogger(__name__)
+
+_MOST_LOGGED = 1000
+
+
+class Sink(Protocol):
+    """A subscription as the router sees it."""
+
+    wants_bytes: bool
+    is_direct: bool
+    waits: bool
+    qos: QosProfile
+
+    def take(self, message: Any, size: int) -> None:
+        """One message: an object, or its bytes if `wants_bytes`."""
+
+    def room(self) -> int:
+        """How many messages fit its queue now; only asked if not `is_direct`."""
+
+    def call_when_room(self, resume: Callable[[], None]) -> None:
+        """Call once, when there is room again; only asked if `waits`."""
+
+    def sources_changed(self) -> None:
+        """A link that brings its messages came or went."""
+
+
+class BadMessages:
+    """Counts what was dropped, by cause, and logs each cause and topic once.
+
+    Attributes:
+        counts: Messages by cause: ``unknown_topic``, ``type_mismatch``, ``unparsable``,
+            ``oversized``, ``bad_name``.
+    """
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self._logged: set[tuple[str, str]] = set()
+
+    def add(self, cause: str, topic: str, detail: str, count: int = 1) -> None:
+        """Count ``count`` messages; ``detail`` is for the one log line."""
+        self.counts[cause] += count
+        if (cause, topic) not in self._logged and len(self._logged) < _MOST_LOGGED:
+            self._logged.add((cause, topic))
+            logger.warning("dropping messages on %r: %s (logged once)", topic, detail)
+
+
+class Route:
+    """The subscriptions of one topic and type."""
+
+    def __init__(
+        self, topic: str, msg_type: str, parse: Callable[[Any], Any], bad: BadMessages
+    ) -> None:
+        self.topic = topic
+        self.msg_type = msg_type
+        self.sinks: tuple[Sink, ...] = ()
+        self.sources: set[Source] = set()
+        self._parse = parse
+        self._bad = bad
+
+    def sources_changed(self) -> None:
+        """Tell the subscriptions that a link came or went."""
+        for sink in self.sinks:
+            sink.sources_changed()
+
+    def offer(self, payloads: list[memoryview], resume: Callable[[], None], *, force: bool) -> int:
+        """Deliver as much as the queues take; see `Receiver.receive`."""
+        queued = [sink for sink in self.sinks if not sink.is_direct]
+        if queued:
+            room = min(sink.room() for sink in queued)
+            if room < len(payloads):
+                for sink in queued:
+                    if sink.waits and not sink.room():
+                        sink.call_when_room(resume)
+                        return -1
+                if not room:
+                    if not force:
+                        return 0
+                    room = min(sink.qos.depth for sink in queued)
+                payloads = payloads[:room]
+        self.deliver(payloads)
+        return len(payloads)
+
+    def deliver(self, payloads: list[memoryview]) -> None:
+        """Parse once and hand to every subscription; the views end with the call."""
+        sinks = self.sinks
+        if len(sinks) == 1 and not sinks[0].wants_bytes:
+            self._deliver_to_one(sinks[0], payloads)
+            return
+        for payload in payloads:
+            for sink in self.sinks:
+                if sink.wants_bytes:
+                    sink.take(bytes(payload), len(payload))
+            wanting = [sink for sink in self.sinks if not sink.wants_bytes]
+            if wanting:
+                self._parse_for(wanting, payload)
+
+    def _deliver_to_one(self, sink: Sink, payloads: list[memoryview]) -> None:
+        parse, take = self._parse, sink.take
+        for payload in payloads:
+            try:
+                message = parse(payload)
+            except DecodeError as error:
+                self._unparsable(payload, error)
+                continue
+            take(message, len(payload))
+
+    def _parse_for(self, sinks: list[Sink], payload: memoryview) -> None:
+        try:
+            message = self._parse(payload)
+        except DecodeError as error:
+            self._unparsable(payload, error)
+            return
+        for sink in sinks:
+            sink.take(message, len(payload))
+
+    def _unparsable(self, payload: memoryview, error: DecodeError) -> None:
+        detail = f"{len(payload)} bytes are no {self.msg_type} ({error})"
+        self._bad.add("unparsable", self.topic, detail)
+
+
+class Router:
+    """Finds the route of each run of frames.
+
+    Args:
+        on_push: Called with the link and the payload of each push of a Master.
+        on_link_ended: Called with each link that ended.
+    """
+
+    def __init__(
+        self,
+        on_push: Callable[[Source, bytes], None],
+        on_link_ended: Callable[[Source], None],
+    ) -> None:
+        self.bad = BadMessages()
+        self._on_push = on_push
+        self._on_link_ended = on_link_ended
+        self._routes: dict[tuple[str, str], Route] = {}
+        self._by_link: dict[Source, dict[bytes, Route]] = {}
+
+    def add(self, topic: str, msg_type: str, parse: Callable[[Any], Any], sink: Sink) -> Route:
+        """Deliver a topic to ``sink`` from now on."""
+        key = topic, msg_type
+        route = self._routes.get(key)
+        if route is None:
+            route = self._routes[key] = Route(topic, msg_type, parse, self.bad)
+        route.sinks = (*route.sinks, sink)
+        return route
+
+    def remove(self, topic: str, msg_type: str, sink: Sink) -> bool:
+        """Deliver nothing more to ``sink``; True if the topic has no other sink of that type."""
+        route = self._routes[topic, msg_type]
+        route.sinks = tuple(other for other in route.sinks if other is not sink)
+        return not route.sinks
+
+    def receive(self, link: Source, run: Run, resume: Callable[[], None], *, force: bool) -> int:
+        """Deliver one run of frames that came on ``link``; see `Receiver.receive`."""
+        routes = self._by_link.get(link)
+        route = None if routes is None else routes.get(run.header)
+        if route is None:
+            route = self._find(link, run)
+        if route is None:
+            return len(run.payloads)
+        if run.oversized:
+            self.bad.add("oversized", route.topic, f"{run.oversized} bytes are over the limit")
+        elif route.sinks:
+            return route.offer(run.payloads, resume, force=force)
+        else:
+            self._unknown(route.topic, len(run.payloads))
+        return len(run.payloads)
+
+    def _find(self, link: Source, run: Run) -> Route | None:
+        """The route of a header this link has not brought yet; None if handled otherwise."""
+        count = len(run.payloads) or 1
+        names = header_names(run.header)
+        if names is None:
+            self.bad.add("bad_name", repr(run.header[:80]), "its name is not UTF-8", count)
+            return None
+        spelling, msg_type = names
+        if msg_type == TARGETS_UPDATE_TYPE:
+            for payload in run.payloads:
+                self._on_push(link, bytes(payload))
+            return None
+        topic = canonical(spelling)
+        route = self._routes.get((topic, msg_type))
+        if route is None:
+            self._undeliverable(topic, msg_type, count)
+            return None
+        self._by_link.setdefault(link, {})[run.header] = route
+        route.sources.add(link)
+        route.sources_changed()
+        return route
+
+    def _undeliverable(self, topic: str, msg_type: str, count: int) -> None:
+        here = sorted({kind for name, kind in self._routes if name == topic})
+        if here:
+            detail = f"they are {msg_type}, subscribed as {' and '.join(here)}"
+            self.bad.add("type_mismatch", topic, detail, count)
+        else:
+            self._unknown(topic, count)
+
+    def _unknown(self, topic: str, count: int) -> None:
+        self.bad.add("unknown_topic", topic, "nobody here subscribes to it", count)
+
+    def link_ended(self, link: Source) -> None:
+        """A link is gone."""
+        for route in self._by_link.pop(link, {}).values():
+            route.sources.discard(link)
+            route.sources_changed()
+        self._on_link_ended(link)

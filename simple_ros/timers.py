@@ -1,0 +1,136 @@
+"""Timers on the event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import time
+from collections.abc import Callable, Coroutine
+from typing import TYPE_CHECKING, Any
+
+from simple_ros.callbacks import CallbackGuard
+from simple_ros.errors import HandleClosed
+from simple_ros.schedule import TimerEvent, TimerSchedule
+
+if TYPE_CHECKING:
+    from simple_ros.node import NodeHandle
+
+__all__ = ["Timer", "TimerCallback"]
+
+TimerCallback = Callable[[TimerEvent], None] | Callable[[TimerEvent], Coroutine[Any, Any, None]]
+
+
+class Timer:
+    """Calls a callback periodically, or once. Made by `NodeHandle.create_timer`.
+
+    A coroutine callback never overlaps itself: while it runs, periods are skipped.
+    """
+
+    def __init__(self, node: NodeHandle, schedule: TimerSchedule, callback: TimerCallback) -> None:
+        self._node = node
+        self._schedule = schedule
+        self._callback = callback
+        self._is_async = inspect.iscoroutinefunction(callback)
+        self._guard = CallbackGuard(f"a timer of {schedule.period_s:g} s")
+        self._loop = asyncio.get_running_loop()
+        self._handle: asyncio.TimerHandle | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._closed = False
+
+    @property
+    def period(self) -> float:
+        """Seconds between calls; a running timer starts over when it is set."""
+        return self._schedule.period_s
+
+    @period.setter
+    def period(self, period_s: float) -> None:
+        self._schedule.set_period(period_s, self._loop.time())
+        self._arm()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a call is due some time."""
+        return self._schedule.due is not None
+
+    @property
+    def errors(self) -> int:
+        """Exceptions of the callback so far."""
+        return self._guard.errors
+
+    def start(self) -> None:
+        """Run from now; no effect while running or paused.
+
+        Raises:
+            HandleClosed: The timer is closed.
+        """
+        if self._closed:
+            raise HandleClosed("timer")
+        self._schedule.start(self._loop.time())
+        self._arm()
+
+    def stop(self) -> None:
+        """Stop; `start` begins anew."""
+        self._schedule.stop()
+        self._arm()
+
+    def pause(self) -> None:
+        """Hold; `resume` goes on."""
+        self._schedule.pause(self._loop.time())
+        self._arm()
+
+    def resume(self) -> None:
+        """Go on: a periodic timer with a full period, a one-shot with what was left."""
+        if not self._closed:
+            self._schedule.resume(self._loop.time())
+            self._arm()
+
+    def set_one_shot(self, oneshot: bool) -> None:
+        """Whether to stop after the next call."""
+        self._schedule.oneshot = oneshot
+
+    def close(self) -> None:
+        """Stop for good."""
+        self._closed = True
+        self.stop()
+        if self._task is not None:
+            self._task.cancel()
+        self._node.forget_timer(self)
+
+    def _arm(self) -> None:
+        if self._handle is not None:
+            self._handle.cancel()
+            self._handle = None
+        due = self._schedule.due
+        if due is not None and not self._closed:
+            self._handle = self._loop.call_at(due, self._ring)
+
+    def _ring(self) -> None:
+        self._handle = None
+        if self._task is not None:
+            return
+        # The loop may call up to one clock tick early.
+        now = max(self._loop.time(), self._schedule.due or 0.0)
+        event = self._schedule.fire(now, time.time())
+        if event is None:
+            return
+        if self._is_async:
+            self._task = self._loop.create_task(self._await_callback(event))
+            return
+        self._guard.call(self._callback, event)
+        self._called(now)
+
+    async def _await_callback(self, event: TimerEvent) -> None:
+        begun = self._loop.time()
+        try:
+            await self._callback(event)  # type: ignore[misc]
+        except Exception as error:
+            self._guard.failed(error)
+        finally:
+            self._task = None
+        self._called(begun)
+
+    def _called(self, begun: float) -> None:
+        now = self._loop.time()
+        self._schedule.called(now, now - begun)
+        if self._handle is None:
+            self._arm()

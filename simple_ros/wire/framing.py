@@ -1,0 +1,268 @@
+"""The peer frame, shared with C++ simple_ros, for data links and for the Master's pushes.
+
+::
+
+    u16be topic_len | topic | u16be type_len | type | u32be data_len | data
+
+``data`` is plain protobuf, possibly empty. There is no magic number and no checksum, so the only
+thing that can be *wrong* with a stream is a name longer than `MAX_NAME_BYTES`; that is what HTTP
+or noise looks like, and such a stream cannot be followed any further. Everything else
+(unknown names, too large or unparsable data) is a well-framed message that its receiver may refuse
+while the stream goes on: a C++ publisher never dials twice.
+
+A link usually carries one topic and one type, so the bytes up to ``data_len`` repeat. The decoder
+compares them in one step and hands out runs of payloads that share a header; it never copies
+a payload. Measured, that is what makes receiving small messages cheap.
+"""
+
+from __future__ import annotations
+
+from struct import Struct
+from typing import NamedTuple
+
+from simple_ros.errors import FrameError, MessageTooLarge
+from simple_ros.names import MAX_NAME_BYTES
+
+__all__ = [
+    "DEFAULT_MAX_MESSAGE_BYTES",
+    "EMPTY_UPDATE_TOPIC",
+    "MAX_DATA_BYTES",
+    "TARGETS_UPDATE_TYPE",
+    "FrameDecoder",
+    "Run",
+    "encode_frame",
+    "encode_header",
+    "header_names",
+]
+
+DEFAULT_MAX_MESSAGE_BYTES = 256 * 1024 * 1024
+"""Payloads above this are drained, not delivered, unless configured otherwise."""
+MAX_DATA_BYTES = 2**32 - 1
+"""What ``data_len`` can say."""
+TARGETS_UPDATE_TYPE = "TopicTargetsUpdate"
+"""Type name of a Master's push: bare, although its protobuf package is ``simple_ros``."""
+EMPTY_UPDATE_TOPIC = "__master_topic_update"
+"""Frame topic of a push whose own topic is empty."""
+
+_U16 = Struct(">H")
+_U32 = Struct(">I")
+_unpack_u16 = _U16.unpack_from
+_unpack_u32 = _U32.unpack_from
+_pack_u32 = _U32.pack
+
+_FIRST_BUFFER = 16 * 1024
+_SMALL_BUFFER = 256 * 1024
+
+
+def encode_header(topic: str, msg_type: str) -> bytes:
+    """The part of a frame before ``data_len``; the same for all messages of a topic.
+
+    Raises:
+        FrameError: A name is longer than `MAX_NAME_BYTES` in UTF-8.
+    """
+    parts = []
+    for name in (topic, msg_type):
+        raw = name.encode()
+        if len(raw) > MAX_NAME_BYTES:
+            raise FrameError(f"name of {len(raw)} bytes is over the limit of {MAX_NAME_BYTES}")
+        parts += [_U16.pack(len(raw)), raw]
+    return b"".join(parts)
+
+
+def encode_frame(header: bytes, payload: bytes) -> bytes:
+    """A whole frame.
+
+    Args:
+        header: From `encode_header`.
+        payload: Serialised message.
+
+    Raises:
+        MessageTooLarge: The payload does not fit ``data_len``.
+    """
+    size = len(payload)
+    if size > MAX_DATA_BYTES:
+        raise MessageTooLarge(str(header_names(header)), size, MAX_DATA_BYTES)
+    return header + _pack_u32(size) + payload
+
+
+def header_names(header: bytes) -> tuple[str, str] | None:
+    """Topic and type of a header, or None if they are not UTF-8."""
+    (topic_len,) = _unpack_u16(header, 0)
+    try:
+        return header[2 : 2 + topic_len].decode(), header[4 + topic_len :].decode()
+    except UnicodeDecodeError:
+        return None
+
+
+class Run(NamedTuple):
+    """Consecutive messages with one header.
+
+    Attributes:
+        header: As from `encode_header`.
+        payloads: Views into the decoder's buffer, valid until its next call.
+        oversized: Size in bytes of the one message that is drained instead, else 0.
+    """
+
+    header: bytes
+    payloads: list[memoryview]
+    oversized: int = 0
+
+
+class FrameDecoder:
+    """Turns a stream of bytes into runs of messages, whatever the chunking.
+
+    A shell either calls `feed` with bytes, or reads into `get_buffer` and calls `received`.
+    Memory follows what has arrived, never what a length field announces.
+
+    Attributes:
+        error: Why the stream cannot be followed any further; None while it can. Once set, further
+            input is ignored.
+    """
+
+    def __init__(self, max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES) -> None:
+        self.error: FrameError | None = None
+        self._limit = max_message_bytes
+        self._buffer = bytearray(_FIRST_BUFFER)
+        self._view = memoryview(self._buffer)
+        self._start = 0
+        self._end = 0
+        self._wanted = 0
+        self._peak = 0
+        self._drain = 0
+        self._header = b""
+
+    @property
+    def pending_bytes(self) -> int:
+        """Bytes of a message that is not complete yet, drained ones not counted."""
+        return self._end - self._start
+
+    @property
+    def mid_message(self) -> bool:
+        """Whether the stream would end inside a message if it ended now."""
+        return self._end > self._start or self._drain > 0
+
+    def feed(self, data: bytes | bytearray | memoryview) -> list[Run]:
+        """Take bytes of any length; payloads are copied out, so they stay valid."""
+        runs: list[Run] = []
+        rest = memoryview(data)
+        while rest:
+            space = self.get_buffer()
+            size = min(len(space), len(rest))
+            space[:size] = rest[:size]
+            rest = rest[size:]
+            runs += [
+                Run(header, [memoryview(bytes(view)) for view in views], oversized)
+                for header, views, oversized in self.received(size)
+            ]
+        return runs
+
+    def get_buffer(self) -> memoryview:
+        """Where the next bytes go; never empty."""
+        if self._start == self._end:
+            self._start = self._end = 0
+            if len(self._buffer) > _SMALL_BUFFER and self._peak <= len(self._buffer) // 4:
+                self._replace_buffer(_SMALL_BUFFER)
+        elif self._end == len(self._buffer):
+            self._make_room()
+        return self._view[self._end :]
+
+    def received(self, size: int) -> list[Run]:
+        """Say that ``size`` bytes were written to `get_buffer`; return what is complete now."""
+        if self.error is not None:
+            self._start = self._end = 0
+            return []
+        filled = self._end + size == len(self._buffer)
+        self._end += size
+        runs: list[Run] = []
+        while self._decode_some(runs):
+            pass
+        if filled and len(self._buffer) < _SMALL_BUFFER:
+            self._replace_buffer(len(self._buffer) * 4)
+        return runs
+
+    def _decode_some(self, runs: list[Run]) -> bool:
+        """Decode one run; False when more bytes are needed or the stream is bad."""
+        if self._drain:
+            size = min(self._drain, self._end - self._start)
+            self._drain -= size
+            self._start += size
+            if self._drain:
+                return False
+        known = self._header and self._buffer.startswith(self._header, self._start)
+        if not known and not self._read_header():
+            return False
+        payloads, oversized = self._read_run()
+        if payloads:
+            runs.append(Run(self._header, payloads))
+        if oversized:
+            runs.append(Run(self._header, [], oversized))
+        return bool(payloads or oversized) and self._start < self._end
+
+    def _read_run(self) -> tuple[list[memoryview], int]:
+        """The complete messages under the present header, and the size of one that is too large."""
+        header, buffer, view = self._header, self._buffer, self._view
+        start, end, limit, skip = self._start, self._end, self._limit, len(self._header)
+        payloads: list[memoryview] = []
+        append = payloads.append
+        oversized = size = 0
+        while True:
+            begin = start + skip + 4
+            if begin > end:
+                size = 0
+                break
+            (size,) = _unpack_u32(buffer, begin - 4)
+            if size > limit:
+                oversized = self._drain = size
+                start = begin
+                break
+            if begin + size > end:
+                break
+            append(view[begin : begin + size])
+            start = begin + size
+            if not buffer.startswith(header, start):
+                break
+        self._start = start
+        self._wanted = skip + 4 + size
+        self._peak = max(self._wanted, self._peak - self._peak // 64)
+        return payloads, oversized
+
+    def _read_header(self) -> bool:
+        """Find the header at the read position; False if incomplete or wrong."""
+        position = self._start
+        for _ in range(2):
+            if position + 2 > self._end:
+                return False
+            (length,) = _unpack_u16(self._buffer, position)
+            if length > MAX_NAME_BYTES:
+                self.error = FrameError(
+                    f"not a simple_ros stream: a name of {length} bytes is announced "
+                    f"(at most {MAX_NAME_BYTES})"
+                )
+                self._start = self._end = 0
+                return False
+            position += 2 + length
+        if position > self._end:
+            return False
+        self._header = bytes(self._view[self._start : position])
+        return True
+
+    def _make_room(self) -> None:
+        """Move what is pending to the front, or into a larger buffer if it can never fit here."""
+        size, pending = len(self._buffer), self._end - self._start
+        if self._wanted > size:
+            # At most twofold what has really come: a length field alone allocates nothing.
+            self._replace_buffer(max(min(size * 2, self._wanted), size + _FIRST_BUFFER))
+        elif self._start:
+            self._view[:pending] = self._view[self._start : self._end]
+            self._start, self._end = 0, pending
+        else:
+            self._replace_buffer(size * 2)
+
+    def _replace_buffer(self, size: int) -> None:
+        # Never resize in place: runs handed out may still look into the old buffer.
+        pending = self._view[self._start : self._end]
+        buffer = bytearray(max(size, len(pending)))
+        buffer[: len(pending)] = pending
+        self._buffer = buffer
+        self._view = memoryview(buffer)
+        self._start, self._end = 0, len(pending)
