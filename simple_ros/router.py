@@ -53,7 +53,7 @@ class BadMessages:
 
     Attributes:
         counts: Messages by cause: ``unknown_topic``, ``type_mismatch``, ``unparsable``,
-            ``oversized``, ``bad_name``.
+            ``oversized``, ``bad_name``; and streams closed for a ``violation`` of the framing.
     """
 
     def __init__(self) -> None:
@@ -63,9 +63,20 @@ class BadMessages:
     def add(self, cause: str, topic: str, detail: str, count: int = 1) -> None:
         """Count ``count`` messages; ``detail`` is for the one log line."""
         self.counts[cause] += count
-        if (cause, topic) not in self._logged and len(self._logged) < _MOST_LOGGED:
-            self._logged.add((cause, topic))
+        if self._is_new(cause, topic):
             logger.warning("dropping messages on %r: %s (logged once)", topic, detail)
+
+    def refused(self, host: str, reason: str) -> None:
+        """Count a stream from ``host`` that could not be followed."""
+        self.counts["violation"] += 1
+        if self._is_new("violation", host):
+            logger.warning("closed a link from %s: %s (logged once)", host, reason)
+
+    def _is_new(self, cause: str, subject: str) -> bool:
+        if (cause, subject) in self._logged or len(self._logged) >= _MOST_LOGGED:
+            return False
+        self._logged.add((cause, subject))
+        return True
 
 
 class Route:
@@ -224,6 +235,10 @@ class Router:
 
     def _unknown(self, topic: str, count: int) -> None:
         self.bad.add("unknown_topic", topic, "nobody here subscribes to it", count)
+
+    def link_refused(self, peer: str, reason: str) -> None:
+        """A stream that could not be followed was closed."""
+        self.bad.refused(peer.rpartition(":")[0], reason)
 
     def link_ended(self, link: Source) -> None:
         """A link is gone."""

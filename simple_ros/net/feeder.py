@@ -42,6 +42,9 @@ class Receiver(Protocol):
             can be taken until ``resume`` is called.
         """
 
+    def link_refused(self, peer: str, reason: str) -> None:
+        """A stream from host ``peer`` was no simple_ros stream and is closed."""
+
     def link_ended(self, link: Source) -> None:
         """The peer closed, or was closed."""
 

@@ -52,7 +52,7 @@ class InboundLink(asyncio.BufferedProtocol):
             self._feeder.feed(runs)
         if self._decoder.error is not None and not self.violation:
             self.violation = True
-            logger.warning("link from %s closed: %s", self.peer, self._decoder.error)
+            self._receiver.link_refused(self.peer, str(self._decoder.error))
             assert self._transport is not None
             self._transport.abort()
 
@@ -131,6 +131,10 @@ class NodeServer:
     def receive(self, link: Source, run: Run, resume: Callable[[], None], *, force: bool) -> int:
         """Pass on."""
         return self._receiver.receive(link, run, resume, force=force)
+
+    def link_refused(self, peer: str, reason: str) -> None:
+        """Pass on."""
+        self._receiver.link_refused(peer, reason)
 
     def link_ended(self, link: Source) -> None:
         """Forget the link and pass on."""
