@@ -7,12 +7,12 @@ import contextlib
 import logging
 
 import pytest
-from simple_ros_master import Master
 from support.waiting import until
 
 from simple_ros.aio import NodeHandle
 from simple_ros.msg.example import SensorData
 from simple_ros.wire.framing import encode_frame, encode_header
+from simple_ros_master import Master
 
 SENSOR = encode_header("sensor", "example.SensorData")
 VALID = encode_frame(SENSOR, SensorData(sensor_id=7).SerializeToString())

@@ -6,7 +6,6 @@ import asyncio
 import logging
 
 import pytest
-from simple_ros_master import Master
 from support.peers import ForeignListener
 from support.waiting import until
 
@@ -17,6 +16,7 @@ from simple_ros.msg.geometry_msgs import Odometry
 from simple_ros.qos import DEFAULT
 from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
+from simple_ros_master import Master
 
 LOSSLESS = DEFAULT.replace(overflow="block")
 
@@ -225,10 +225,9 @@ async def test_local_subscribers_need_no_network_and_get_their_own_copy(master: 
         publisher.publish(message)
         await until(lambda: len(got) == 2)
         assert [item.sensor_id for item in got] == [1, 2]
-        assert all(
-            b"example" not in link._decoder._header  # noqa: SLF001
-            for link in node._server.links  # noqa: SLF001
-        ), "no data link was dialled"
+        assert all(b"example" not in link._decoder._header for link in node._server.links), (
+            "no data link was dialled"
+        )
 
 
 async def test_wrong_type_names_both_types_and_nodes(master: Master) -> None:

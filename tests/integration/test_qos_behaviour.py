@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from simple_ros_master import Master
 from support.peers import ForeignListener
 from support.waiting import until
 
@@ -19,6 +18,7 @@ from simple_ros.events import DeadlineMissed, IncompatibleQos, LivelinessChanged
 from simple_ros.msg.example import ControlCommand, SensorData
 from simple_ros.qos import DEFAULT, LATCHED, SENSOR_DATA, Liveliness
 from simple_ros.rpc import ros_rpc_pb2 as ros
+from simple_ros_master import Master
 
 MEGABYTE = ControlCommand(cmd="x" * 1_000_000)
 

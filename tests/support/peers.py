@@ -15,6 +15,8 @@ class ForeignListener:
     frames: list[tuple[str, str, bytes]] = field(default_factory=list)
     port: int = 0
     writers: list[asyncio.StreamWriter] = field(default_factory=list)
+    carriers: set[int] = field(default_factory=set)
+    """Links that brought messages (a Master also keeps one, to see whether the node lives)."""
 
     async def __aenter__(self) -> ForeignListener:
         self._server = await asyncio.start_server(self._accepted, "127.0.0.1", 0)
@@ -30,6 +32,7 @@ class ForeignListener:
         self.writers.append(writer)
         decoder = FrameDecoder()
         while data := await reader.read(65536):
+            self.carriers.add(id(writer))
             for run in decoder.feed(data):
                 names = header_names(run.header)
                 assert names is not None
