@@ -14,8 +14,7 @@ Each error also inherits the builtin a caller would expect and carries its facts
     ├── MasterUnavailable      ConnectionError  nobody answers at the Master's address
     ├── RegistrationRefused    RuntimeError     the Master said no
     ├── NodeNameTaken          RuntimeError     a newer node runs under this node's name
-    ├── TopicTypeMismatch      TypeError        the topic carries another message type
-    └── QosIncompatible        ValueError       what is offered is less than what is asked for
+    └── TopicTypeMismatch      TypeError        the topic carries another message type
 """
 
 from __future__ import annotations
@@ -31,7 +30,6 @@ __all__ = [
     "MasterUnavailable",
     "MessageTooLarge",
     "NodeNameTaken",
-    "QosIncompatible",
     "QueueFull",
     "RegistrationRefused",
     "SimpleRosError",
@@ -202,17 +200,3 @@ class TopicTypeMismatch(SimpleRosError, TypeError):
             f"topic {topic!r}: node {node_name!r} uses {msg_type}, "
             f"but {others} uses {existing_type}"
         )
-
-
-class QosIncompatible(SimpleRosError, ValueError):
-    """What the publisher offers is less than what the subscription requests.
-
-    Attributes:
-        topic: Canonical topic name.
-        policies: Names of the policies that do not fit, such as ``"reliability"``.
-    """
-
-    def __init__(self, topic: str, policies: Sequence[str], detail: str) -> None:
-        self.topic = topic
-        self.policies = tuple(policies)
-        super().__init__(f"topic {topic!r}: incompatible QoS, {detail}")

@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 _CHUNK_BYTES = 256 * 1024
 _DIAL_TIMEOUT_S = 5.0
-_USER_TIMEOUT_S = 10.0
+_USER_TIMEOUT_S = 8.0
 
 
 class OutboundLink(asyncio.Protocol):

@@ -1,5 +1,6 @@
 """The Master's brain: answers and effects for each rule, then any history against what must hold."""
 
+import sys
 from collections import defaultdict
 
 import pytest
@@ -335,6 +336,8 @@ def test_leased_nodes_hear_of_a_type_conflict_once(bench):
     bench.lease(2, ours("c", 3))
     bench.subscribe("t", ours("c", 3), "c.C")
     assert sorted(bench.notices("type_conflict")) == [1, 2]
+    bench.advertise("t", ours("c", 3), "c.C")
+    assert bench.notices("type_conflict") == {}
 
 
 def test_both_ends_hear_of_a_qos_conflict_and_still_meet(bench):
@@ -510,6 +513,18 @@ def test_a_roaming_node_keeps_its_registrations(bench):
     assert bench.directory.graph.node("n").port == 2
 
 
+def test_further_addresses_follow_the_last_word(bench):
+    first, second = ours("s", 1), ours("s", 1)
+    first.addresses.append("10.0.0.1:1")
+    second.addresses.append("10.0.0.2:1")
+    bench.lease(1, first)
+    bench.subscribe("t", ours("s", 1))
+    bench.subscribe("t", second)
+    bench.advertise("t", ours("p", 2))
+    (push,) = bench.of(Push)
+    assert list(push.update.add_targets[0].addresses) == ["10.0.0.2:1"]
+
+
 # -- liveness --------------------------------------------------------------------------------------
 
 
@@ -544,6 +559,46 @@ def test_a_resync_says_everything_as_a_snapshot(bench):
     assert [(update.topic, update.snapshot) for update in updates] == [("/t", True), ("u", True)]
     assert [[t.port for t in update.add_targets] for update in updates] == [[2], []]
     assert bench.directory.resync(Address("127.0.0.1", 2)) == []
+
+
+# -- cost ------------------------------------------------------------------------------------------
+
+
+def calls_made_by(action) -> int:
+    """How many function calls something takes: a cost that no busy machine changes."""
+    count = 0
+
+    def note(_frame, event, _argument) -> None:
+        nonlocal count
+        count += event in ("call", "c_call")
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        action()
+    finally:
+        sys.setprofile(before)
+    return count
+
+
+def cost_of_a_life_among(topics: int, nodes: int) -> int:
+    bench = Bench()
+    for number in range(topics):
+        bench.advertise(f"t{number}", cpp(f"n{number % nodes}", 1 + number % nodes))
+        bench.subscribe(f"t{number}", cpp(f"n{(number + 1) % nodes}", 1 + (number + 1) % nodes))
+
+    def life() -> None:
+        bench.lease(1, ours("me", 9999))
+        bench.advertise("t0", ours("me", 9999))
+        bench.subscribe("t1", ours("me", 9999))
+        bench.unsubscribe("t1", ours("me", 9999))
+        bench.end_lease(1)
+
+    return calls_made_by(life)
+
+
+def test_what_a_node_does_costs_the_same_in_a_large_graph():
+    assert cost_of_a_life_among(10, 5) == cost_of_a_life_among(2000, 200)
 
 
 # -- any history -----------------------------------------------------------------------------------

@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from simple_ros.msg.example import SensorData
+from simple_ros.qos import DEFAULT, QosProfile
+from simple_ros.router import Router
+from simple_ros.wire.framing import Run, encode_header
+
+HEADER = encode_header("/sensor", "example.SensorData")
+
+
+class FakeLink:
+    def expect_life_within(self, seconds: float) -> None:
+        raise AssertionError("nobody asked for a lease")
+
+
+class FakeSink:
+    wants_bytes = False
+    is_direct = True
+    waits = False
+    qos: QosProfile = DEFAULT
+
+    def __init__(self, **attributes: Any) -> None:
+        self.got: list[Any] = []
+        self.free = 10**9
+        self.resume: Callable[[], None] | None = None
+        self.source_changes = 0
+        for name, value in attributes.items():
+            setattr(self, name, value)
+
+    def take(self, message: Any, size: int) -> None:
+        self.got.append(message if self.wants_bytes else message.sensor_id)
+        self.free -= 1
+
+    def room(self) -> int:
+        return self.free
+
+    def call_when_room(self, resume: Callable[[], None]) -> None:
+        self.resume = resume
+
+    def sources_changed(self) -> None:
+        self.source_changes += 1
+
+
+def make(*sinks: FakeSink) -> tuple[Router, list[bytes], list[object]]:
+    pushes: list[bytes] = []
+    ended: list[object] = []
+    router = Router(lambda link, payload: pushes.append(payload), ended.append)
+    for sink in sinks:
+        router.add("sensor", "example.SensorData", SensorData.FromString, sink)
+    return router, pushes, ended
+
+
+def run(*ids: int, header: bytes = HEADER) -> Run:
+    payloads = [memoryview(SensorData(sensor_id=i).SerializeToString()) for i in ids]
+    return Run(header, payloads)
+
+
+def no_resume() -> None:
+    raise AssertionError("never called")
+
+
+LINK = FakeLink()
+
+
+def test_any_spelling_finds_the_topic_and_each_sink_its_form() -> None:
+    objects, raw = FakeSink(), FakeSink(wants_bytes=True)
+    router, _, _ = make(objects, raw)
+    assert router.receive(LINK, run(1, 2), no_resume, force=False) == 2
+    other = run(3, header=encode_header("sensor", "example.SensorData"))
+    assert router.receive(LINK, other, no_resume, force=False) == 1
+    assert objects.got == [1, 2, 3]
+    assert [SensorData.FromString(data).sensor_id for data in raw.got] == [1, 2, 3]
+
+
+def test_a_full_queue_takes_part_then_waits_one_turn_then_drops() -> None:
+    slow = FakeSink(is_direct=False, free=2, qos=DEFAULT.replace(depth=3))
+    router, _, _ = make(slow)
+    burst = run(*range(8))
+    assert router.receive(LINK, burst, no_resume, force=False) == 2
+    rest = burst._replace(payloads=burst.payloads[2:])
+    assert router.receive(LINK, rest, no_resume, force=False) == 0
+    assert router.receive(LINK, rest, no_resume, force=True) == 3
+    assert slow.got == [0, 1, 2, 3, 4]
+
+
+def test_a_blocking_sink_holds_the_link_until_it_has_room() -> None:
+    blocking = FakeSink(is_direct=False, free=0, waits=True)
+    router, _, _ = make(blocking)
+    assert router.receive(LINK, run(1), no_resume, force=True) == -1
+    assert blocking.resume is no_resume
+    assert blocking.got == []
+
+
+def test_what_cannot_be_delivered_is_counted_and_taken() -> None:
+    sink = FakeSink()
+    router, pushes, _ = make(sink)
+    bad = [
+        Run(HEADER, [memoryview(b"\xff"), memoryview(b"\x08\x05")]),
+        Run(HEADER, [], oversized=99),
+        run(1, 2, header=encode_header("elsewhere", "example.SensorData")),
+        run(1, header=encode_header("sensor", "example.Heartbeat")),
+        Run(b"\0\1\xff\0\1\xff", [memoryview(b"")]),
+        Run(encode_header("x", "TopicTargetsUpdate"), [memoryview(b"push")]),
+    ]
+    for item in bad:
+        assert router.receive(LINK, item, no_resume, force=False) == len(item.payloads)
+    assert sink.got == [5]
+    assert pushes == [b"push"]
+    assert router.bad.counts == {
+        "unparsable": 1,
+        "oversized": 1,
+        "unknown_topic": 2,
+        "type_mismatch": 1,
+        "bad_name": 1,
+    }
+
+
+def test_a_removed_sink_gets_nothing_and_a_new_one_everything() -> None:
+    first, second = FakeSink(), FakeSink()
+    router, _, _ = make(first)
+    router.receive(LINK, run(1), no_resume, force=False)
+    assert router.remove("sensor", "example.SensorData", first)
+    router.receive(LINK, run(2), no_resume, force=False)
+    router.add("sensor", "example.SensorData", SensorData.FromString, second)
+    router.receive(LINK, run(3), no_resume, force=False)
+    assert (first.got, second.got) == ([1], [3])
+    assert router.bad.counts == {"unknown_topic": 1}
+
+
+def test_sources_come_with_their_first_message_and_go_with_their_link() -> None:
+    sink = FakeSink()
+    router, _, ended = make(sink)
+    route = router.add("other", "example.SensorData", SensorData.FromString, sink)
+    router.receive(LINK, run(1), no_resume, force=False)
+    router.receive(LINK, run(2), no_resume, force=False)
+    assert sink.source_changes == 1
+    assert not route.sources
+    router.link_ended(LINK)
+    assert sink.source_changes == 2
+    assert ended == [LINK]
+
+
+def test_memory_is_bounded_under_ever_new_names() -> None:
+    router, _, _ = make(FakeSink())
+    for i in range(5000):
+        header = encode_header(f"noise{i}", "x.Y")
+        router.receive(LINK, run(1, header=header), no_resume, force=False)
+    assert router.bad.counts["unknown_topic"] == 5000
+    assert len(router._by_link.get(LINK, {})) == 0
+    assert len(router.bad._logged) <= 1000
