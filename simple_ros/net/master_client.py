@@ -14,9 +14,9 @@ os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
 import grpc
 from google.protobuf.message import Message
 
-from simple_ros.errors import MasterUnavailable, SimpleRosError
+from simple_ros.errors import MasterUnavailable, NodeNameTaken, SimpleRosError
 from simple_ros.graph import GraphChange, GraphSnapshot
-from simple_ros.net.addresses import master_address
+from simple_ros.net.addresses import join_address, master_address
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
@@ -41,6 +41,8 @@ _OPTIONS: list[tuple[str, Any]] = [
 _KEEPALIVE: list[tuple[str, Any]] = [
     ("grpc.keepalive_time_ms", 2000),
     ("grpc.keepalive_timeout_ms", 3000),
+    # Without it a silent peer is only cut after a minute, whatever the line above says.
+    ("grpc.http2.ping_timeout_ms", 3000),
     ("grpc.http2.max_pings_without_data", 0),
 ]
 DEFAULT_TIMEOUT_S = 5.0
@@ -73,10 +75,14 @@ class LeaseStream:
 
         Raises:
             grpc.aio.AioRpcError: The Master went away, or knows no leases.
+            NodeNameTaken: This instance was replaced by a newer one.
             ConnectionError: The stream ended with no answer.
         """
         await self._call.write(master.LeaseRequest(open=master.LeaseOpen(node_info=node_info)))
         event = await self.next_event()
+        if event is not None and event.WhichOneof("kind") == "name_taken":
+            by = event.name_taken.taken_by
+            raise NodeNameTaken(node_info.node_name, join_address(by.ip, by.port))
         if event is None or event.WhichOneof("kind") != "granted":
             raise ConnectionError("the Master did not grant a lease")
         return event.granted

@@ -18,12 +18,6 @@ ODOMETRY = "geometry_msgs.Odometry"
 
 
 @pytest.fixture
-async def master():
-    async with Master(port=0) as master:
-        yield master
-
-
-@pytest.fixture
 async def client(master):
     async with BareClient(master.address) as client:
         yield client

@@ -7,17 +7,11 @@ import pytest
 
 from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
-from simple_ros_master import Master, pushes
 from simple_ros_master import link as link_module
+from simple_ros_master import pushes
 from simple_ros_master.testing import BareClient, BareNode
 
 ODOMETRY = "geometry_msgs.Odometry"
-
-
-@pytest.fixture
-async def master():
-    async with Master(port=0) as master:
-        yield master
 
 
 class Registrar(BareClient):

@@ -149,6 +149,22 @@ async def test_a_newer_node_takes_the_name_and_the_old_one_says_why(
             await until(lambda: got == [2])
 
 
+async def test_a_replaced_node_that_lost_contact_learns_it_when_it_is_back(master: Master) -> None:
+    """It was away (a dead zone, say) while its successor came, so nobody could tell it."""
+    old = await NodeHandle("robot", master=master.address).start()
+    await old.wait_for_master(timeout=5)
+    registrar = old._registrar
+    assert registrar is not None
+    registrar._task.cancel()
+    await asyncio.gather(registrar._task, return_exceptions=True)
+    async with NodeHandle("robot", master=master.address) as new:
+        await new.wait_for_master(timeout=5)
+        registrar._task = asyncio.create_task(registrar._run())
+        with pytest.raises(NodeNameTaken, match=str(new.port)):
+            await asyncio.wait_for(old.spin(), 5)
+    await old.close()
+
+
 async def test_type_conflict_found_after_a_restart_is_logged_and_survived(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

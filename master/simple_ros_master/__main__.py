@@ -1,0 +1,16 @@
+"""``python -m simple_ros_master``."""
+
+import typer
+
+from simple_ros_master.cli import PROGRAM, command
+
+
+def main() -> None:
+    """Run ``simple-ros-master``."""
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command()(command)
+    app(prog_name=PROGRAM)
+
+
+if __name__ == "__main__":
+    main()

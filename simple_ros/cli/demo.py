@@ -1,0 +1,56 @@
+"""``simple-ros demo``: a flying quadrotor, to see that everything works."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["command"]
+
+
+def command(
+    master_port: Annotated[
+        int,
+        typer.Option(
+            min=0, max=65535, help="Port of the demo's Master; another is chosen if it is taken."
+        ),
+    ] = 50051,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1, metavar="SECONDS", help="End after flying so long.", show_default="never"
+        ),
+    ] = None,
+    plain: Annotated[bool, typer.Option("--plain", help="One line a second, no screen.")] = False,
+) -> None:
+    """Fly a simulated quadrotor: a Master, two nodes and a view of them.
+
+    Ctrl-C ends everything, with code 0. Code 1: a process ended by itself or messages do not flow.
+    """
+    from simple_ros import aio
+    from simple_ros.demos.displays import suitable_display
+    from simple_ros.demos.quad_demo import QuadDemo
+
+    async def fly() -> None:
+        display = suitable_display(plain=plain)
+        demo = QuadDemo(display, _own_name(), duration)
+        try:
+            with display:
+                await demo.run(master_port)
+        finally:
+            print(demo.summary)
+
+    aio.run(fly())
+
+
+def _own_name() -> str:
+    """How the user calls this program: by name if it is found, else by path."""
+    program = Path(sys.argv[0])
+    if shutil.which("simple-ros") or program.name != "simple-ros":
+        return "simple-ros"
+    return os.path.relpath(program)

@@ -1,0 +1,56 @@
+"""The command ``simple-ros``."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from simple_ros.cli import demo, graph
+from simple_ros.cli.plugins import Nouns
+from simple_ros.errors import SimpleRosError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="simple-ros",
+    cls=Nouns,
+    help="Robot middleware in pure Python.",
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    pretty_exceptions_enable=False,
+)
+app.command("demo")(demo.command)
+app.command("graph")(graph.command)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"simple-ros {version('simple-ros')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", is_eager=True, callback=_show_version, help="Say it and exit."),
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Run ``simple-ros``; errors of this project are one line on stderr and exit code 1."""
+    try:
+        app(prog_name="simple-ros")
+    except SimpleRosError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

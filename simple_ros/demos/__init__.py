@@ -1,0 +1,1 @@
+"""The nodes of ``simple-ros demo``, and what starts and shows them."""
