@@ -133,6 +133,10 @@ class TestScreen:
         assert "…" not in text
         assert text.count("●") == 1
 
+    @pytest.mark.parametrize("size", [(20, 5), (1, 1), (79, 12), (500, 10)])
+    def test_a_terminal_made_too_small_shows_what_it_can(self, size: tuple[int, int]) -> None:
+        assert len(printed(state(), *size)) <= size[1]
+
     def test_plain_letters_where_braille_is_unknown(self) -> None:
         text = "\n".join(printed(state(), 80, 24, braille=False))
         assert not any("\u2800" <= letter <= "\u28ff" for letter in text)
