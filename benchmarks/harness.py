@@ -87,9 +87,7 @@ def paired_ratio(
     ours: list[dict[str, Any]], theirs: list[dict[str, Any]], field: str
 ) -> tuple[float, float, float]:
     """Least, median and greatest of ours/theirs, round by round."""
-    ratios = sorted(
-        mine[field] / other[field] for mine, other in zip(ours, theirs, strict=True)
-    )
+    ratios = sorted(mine[field] / other[field] for mine, other in zip(ours, theirs, strict=True))
     return ratios[0], statistics.median(ratios), ratios[-1]
 
 

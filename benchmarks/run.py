@@ -74,18 +74,22 @@ def _shown(ratio: tuple[float, float, float]) -> str:
 
 def scaled(runs: int) -> dict[str, Any]:
     rounds = [scale.measure() for _ in range(runs)]
-    merged = {
-        field: statistics.median(one[field] for one in rounds) for field in rounds[0]
-    }
+    merged = {field: statistics.median(one[field] for one in rounds) for field in rounds[0]}
     table = [
-        f"  registration, first 200 of {merged['registrations']:,.0f}  "
-        f"{merged['first_us']:7.0f} us each",
+        (
+            f"  registration, first 200 of {merged['registrations']:,.0f}  "
+            f"{merged['first_us']:7.0f} us each"
+        ),
         f"  registration, last 200          {merged['last_us']:7.0f} us each",
         f"  last / first                    {merged['growth']:7.2f}   bar: flat",
-        f"  subscribe call to target known  {merged['push_p50_ms']:7.2f} ms p50, "
-        f"{merged['push_p99_ms']:.2f} ms p99",
-        f"  Master memory                   {merged['rss_start_mb']:7.1f} MB empty, "
-        f"{merged['rss_full_mb']:.1f} MB full",
+        (
+            f"  subscribe call to target known  {merged['push_p50_ms']:7.2f} ms p50, "
+            f"{merged['push_p99_ms']:.2f} ms p99"
+        ),
+        (
+            f"  Master memory                   {merged['rss_start_mb']:7.1f} MB empty, "
+            f"{merged['rss_full_mb']:.1f} MB full"
+        ),
     ]
     return {"table": table, **merged}
 
@@ -107,7 +111,9 @@ BENCHMARKS = {"small": small, "latency": latency, "scale": scaled, "rest": at_re
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("names", nargs="*", default=[], metavar="NAME", help="default: all")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--json", type=Path)

@@ -75,7 +75,7 @@ __all__ = [
 def __getattr__(name: str) -> str:
     if name == "__version__":
         # Reading the distribution's metadata takes longer than everything else here.
-        from importlib.metadata import version  # noqa: PLC0415
+        from importlib.metadata import version
 
         return version("simple-ros")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

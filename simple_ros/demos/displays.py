@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from types import TracebackType
 from typing import Self
 
@@ -74,6 +75,7 @@ def suitable_display(*, plain: bool) -> PlainDisplay | LiveDisplay:
     console = Console()
     columns, rows = console.size
     large = columns >= _SMALLEST_COLUMNS and rows >= _SMALLEST_ROWS
-    if plain or not large or not console.is_terminal or console.is_dumb_terminal:
+    # Colours may be forced upon a pipe; that makes it no terminal.
+    if plain or not large or not sys.stdout.isatty() or console.is_dumb_terminal:
         return PlainDisplay()
     return LiveDisplay(console)

@@ -192,7 +192,7 @@ class QuadDemo:
                 ProcessRow(child.name, child.pid, child.state, child.meter.usage())
                 for child in self._processes.children
             ]
-            rows.append(ProcessRow("this view", os.getpid(), "running", self._own_meter.usage()))
+            rows.append(ProcessRow("demo_view", os.getpid(), "running", self._own_meter.usage()))
             self._process_rows = tuple(rows)
         return self._process_rows
 

@@ -107,7 +107,7 @@ def screen(state: DemoState, columns: int, rows: int, *, braille: bool = True) -
 def _header(state: DemoState, columns: int) -> RenderableType:
     running = "starting" if state.flying_s is None else f"flying for {state.flying_s:.0f} s"
     left, right = " simple_ros demo", f"{running}, Ctrl-C ends it "
-    middle = f"Master at {state.master}".center(max(0, columns - len(left) - len(right)))
+    middle = f"  Master at {state.master}  ".center(max(0, columns - len(left) - len(right)))
     return Text(left + middle + right, style="bold reverse", no_wrap=True)
 
 

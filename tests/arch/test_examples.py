@@ -6,8 +6,9 @@ import signal
 from pathlib import Path
 
 import pytest
-from simple_ros_master import Master
 from support.processes import python
+
+from simple_ros_master import Master
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ALONE = {

@@ -6,13 +6,13 @@ import asyncio
 import signal
 from contextlib import AsyncExitStack
 
-from simple_ros_master import Master
 from support.processes import Process, master_process, program
 from support.waiting import until
 
 from simple_ros.aio import NodeHandle
 from simple_ros.graph import TopicKey
 from simple_ros.msg.example import SensorData
+from simple_ros_master import Master
 
 PUBLISHER = """
     import itertools

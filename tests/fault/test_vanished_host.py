@@ -15,11 +15,11 @@ import textwrap
 from collections.abc import Iterator
 
 import pytest
-from simple_ros_master import Master
 from support.waiting import until
 
 from simple_ros.aio import NodeHandle
 from simple_ros.msg.example import SensorData
+from simple_ros_master import Master
 
 HERE, THERE = "10.231.77.1", "10.231.77.2"
 ROBOT = textwrap.dedent(

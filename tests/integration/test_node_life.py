@@ -8,7 +8,6 @@ import signal
 import socket
 
 import pytest
-from simple_ros_master import Master
 from support.peers import ForeignListener
 from support.processes import master_process, program
 from support.waiting import until
@@ -26,6 +25,7 @@ from simple_ros.msg.example import ControlCommand, SensorData
 from simple_ros.net.addresses import RESERVED_PORTS
 from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
+from simple_ros_master import Master
 
 TALKER = """
     import logging, sys

@@ -94,7 +94,7 @@ def state(*, flying_s: float | None = 61.2, notice: str = "") -> DemoState:
         for name in NAMES
     )
     way = [odometry(state_at(i * 0.02)).pose.position for i in range(150)]
-    processes = ("master", "quad_simulator", "quad_visualizer", "this view")
+    processes = ("master", "quad_simulator", "quad_visualizer", "demo_view")
     return DemoState(
         "127.0.0.1:50051",
         ".venv/bin/simple-ros",
