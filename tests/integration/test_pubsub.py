@@ -346,3 +346,48 @@ async def test_foreign_nodes_get_their_answers_but_nothing_of_another_type(
         await until(lambda: "TopicTypeMismatch" in caplog.text)
         assert publisher.targets == ()
         assert "'cpp' uses example.SensorData" in caplog.text
+
+
+async def test_further_addresses_are_tried_when_the_first_does_not_answer(master: Master) -> None:
+    """As for a peer whose IPv4 is behind another interface, or that has IPv6 only."""
+    import socket
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        closed_port = taken.getsockname()[1]
+    async with NodeHandle("source", master=master.address) as node, ForeignListener() as cpp:
+        publisher = await node.advertise("sensor", SensorData)
+        publisher.publish(SensorData(sensor_id=1))
+        target = ros.NodeInfo(
+            ip="127.0.0.1",
+            port=closed_port,
+            instance_id="other",
+            addresses=[f"[::1]:{closed_port}", f"127.0.0.1:{cpp.port}"],
+        )
+        node.subscribers_known("sensor", [target])
+        publisher.publish(SensorData(sensor_id=2))
+        await until(lambda: len(cpp.frames) == 1)
+
+
+async def test_everything_may_be_done_inside_a_plain_callback(master: Master) -> None:
+    """Publish, publish on the same topic, and close the very subscription that is called."""
+    got: list[int] = []
+    tasks: list[asyncio.Task[None]] = []
+    async with (
+        NodeHandle("source", master=master.address) as source,
+        NodeHandle("sink", master=master.address) as sink,
+    ):
+        publisher = await source.advertise("sensor", SensorData)
+
+        def on_sensor(message: SensorData) -> None:
+            got.append(message.sensor_id)
+            if message.sensor_id < 5:
+                publisher.publish(SensorData(sensor_id=message.sensor_id + 1))
+            else:
+                tasks.append(asyncio.create_task(subscriber.close()))
+
+        subscriber = await sink.subscribe("sensor", SensorData, on_sensor)
+        await publisher.wait_for_subscribers(1, timeout=5)
+        publisher.publish(SensorData(sensor_id=0))
+        await until(lambda: tasks and tasks[0].done())
+        assert got == [0, 1, 2, 3, 4, 5]
+        await until(lambda: not publisher.targets)
