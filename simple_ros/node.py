@@ -33,7 +33,7 @@ from simple_ros.timers import Timer, TimerCallback
 from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES
 from simple_ros.wire.session import EndpointKey, EndpointKind, Target
 
-__all__ = ["NodeHandle"]
+__all__ = ["NodeHandle", "profile_of"]
 
 logger = logging.getLogger(__name__)
 
@@ -159,6 +159,10 @@ class NodeHandle:
         if self.failure is not None:
             raise self.failure
 
+    async def wait_ended(self) -> None:
+        """Return when the node has ended, for whatever reason."""
+        await self._ended.wait()
+
     async def wait_for_master(self, timeout: float | None = None) -> None:
         """Return when the Master has answered.
 
@@ -218,7 +222,7 @@ class NodeHandle:
         """
         registrar = self._live_registrar()
         canonical = names.topic_name(topic)
-        profile = _profile(qos)
+        profile = profile_of(qos)
         msg_type = _full_name(message_class)
         key = EndpointKey(EndpointKind.PUBLISHER, canonical, msg_type)
         publisher = Publisher(self, canonical, message_class, profile, on_event)
@@ -287,13 +291,48 @@ class NodeHandle:
             NodeNameTaken: A newer node runs under this node's name.
             HandleClosed: The node is closed.
         """
+        return await self._subscribe(topic, message_type, callback, qos, on_event, raw=raw)
+
+    async def subscribe_batches(
+        self,
+        topic: str,
+        message_type: type[Message] | str,
+        callback: Callable[[list[Any]], None] | None,
+        *,
+        qos: QosProfile | int = DEFAULT,
+        on_event: QosEventCallback | None = None,
+        raw: bool = False,
+    ) -> Subscriber[Any]:
+        """As `subscribe`, with a plain callback that is given a list: all that one read brought."""
+        return await self._subscribe(
+            topic, message_type, callback, qos, on_event, raw=raw, batches=callback is not None
+        )
+
+    async def _subscribe(
+        self,
+        topic: str,
+        message_type: type[Message] | str,
+        callback: Callback[Any] | None,
+        qos: QosProfile | int,
+        on_event: QosEventCallback | None,
+        *,
+        raw: bool,
+        batches: bool = False,
+    ) -> Subscriber[Any]:
         registrar = self._live_registrar()
         canonical = names.topic_name(topic)
-        profile = _profile(qos)
+        profile = profile_of(qos)
         msg_type, parse = _type_and_parser(message_type, raw=raw)
         key = EndpointKey(EndpointKind.SUBSCRIBER, canonical, msg_type)
         subscriber: Subscriber[Any] = Subscriber(
-            self, canonical, msg_type, callback, profile, on_event, wants_bytes=raw
+            self,
+            canonical,
+            msg_type,
+            callback,
+            profile,
+            on_event,
+            wants_bytes=raw,
+            takes_batches=batches,
         )
         # Listening comes before registering: messages may arrive before the Master's answer.
         subscriber.route = self.router.add(canonical, msg_type, parse, subscriber)
@@ -332,20 +371,22 @@ class NodeHandle:
     async def forget_publisher(self, publisher: Publisher[Any]) -> None:
         """A publisher was closed (called by it)."""
         key = EndpointKey(EndpointKind.PUBLISHER, publisher.topic, publisher.msg_type)
-        self._forget(self._publishers, key, publisher)
+        await self._forget(self._publishers, key, publisher)
 
     async def forget_subscriber(self, subscriber: Subscriber[Any]) -> None:
         """A subscription was closed (called by it)."""
         self.router.remove(subscriber.topic, subscriber.msg_type, subscriber)
         key = EndpointKey(EndpointKind.SUBSCRIBER, subscriber.topic, subscriber.msg_type)
-        self._forget(self._subscribers, key, subscriber)
+        await self._forget(self._subscribers, key, subscriber)
 
-    def _forget(self, groups: dict[EndpointKey, list[Any]], key: EndpointKey, item: object) -> None:
+    async def _forget(
+        self, groups: dict[EndpointKey, list[Any]], key: EndpointKey, item: object
+    ) -> None:
         group = groups.get(key, [])
         if item in group:
             group.remove(item)
         if not group and groups.pop(key, None) is not None and self._registrar is not None:
-            self._registrar.unregister(key)
+            await self._registrar.unregister(key)
 
     def forget_timer(self, timer: Timer) -> None:
         """A timer was closed (called by it)."""
@@ -488,7 +529,8 @@ class NodeHandle:
         return f"<NodeHandle {self.name} {self.ip}:{self.port}>"
 
 
-def _profile(qos: QosProfile | int) -> QosProfile:
+def profile_of(qos: QosProfile | int) -> QosProfile:
+    """A profile; a number is a depth."""
     return DEFAULT.replace(depth=qos) if isinstance(qos, int) else qos
 
 

@@ -83,6 +83,7 @@ class Publisher(Generic[MessageT]):
         topic: Canonical topic name.
         msg_type: Full protobuf name.
         qos: What is offered.
+        message_class: Class of its messages.
     """
 
     def __init__(
@@ -96,7 +97,7 @@ class Publisher(Generic[MessageT]):
         self.topic = topic
         self.msg_type: str = message_class.DESCRIPTOR.full_name
         self.qos = qos
-        self._class = message_class
+        self.message_class = message_class
         self._node = node
         self._on_event = on_event
         self._loop = asyncio.get_running_loop()
@@ -134,17 +135,14 @@ class Publisher(Generic[MessageT]):
             HandleClosed: The publisher or its node is closed.
             NodeNameTaken: A newer node runs under this node's name.
         """
-        if message.__class__ is not self._class:
-            self._check_type(message)
+        if message.__class__ is not self.message_class:
+            self.check_type(message)
         self.publish_bytes(message.SerializeToString())
 
     def publish_bytes(self, payload: bytes) -> None:
         """Send a message that is serialised already. Raises as `publish`."""
-        if self._closed:
-            raise self._node.failure or HandleClosed(f"publisher of {self.topic!r}")
-        size = len(payload)
-        if size > MAX_DATA_BYTES:
-            raise MessageTooLarge(self.topic, size, MAX_DATA_BYTES)
+        self.check_open()
+        size = self._checked_size(payload)
         if self._blocks and not self._has_room(size):
             raise QueueFull(self.topic)
         self._put(payload, size)
@@ -157,18 +155,32 @@ class Publisher(Generic[MessageT]):
             HandleClosed: The publisher or its node is closed.
             NodeNameTaken: A newer node runs under this node's name.
         """
-        if message.__class__ is not self._class:
-            self._check_type(message)
-        payload = message.SerializeToString()
-        size = len(payload)
+        if message.__class__ is not self.message_class:
+            self.check_type(message)
+        await self.publish_bytes_async(message.SerializeToString())
+
+    async def publish_bytes_async(self, payload: bytes) -> None:
+        """Send a message that is serialised already, as `publish_async`."""
+        size = self._checked_size(payload)
         while self._blocks and not self._closed and not self._has_room(size):
             self._room.clear()
             await self._room.wait()
-        if self._closed or size > MAX_DATA_BYTES:
-            self.publish_bytes(payload)
+        if self._closed:
+            self.check_open()
         if self._put(payload, size):
             # A batch has just gone out: give everybody else a turn.
             await asyncio.sleep(0)
+
+    def check_open(self) -> None:
+        """Raise `HandleClosed` or `NodeNameTaken` if nothing can be published any more."""
+        if self._closed:
+            raise self._node.failure or HandleClosed(f"publisher of {self.topic!r}")
+
+    def _checked_size(self, payload: bytes) -> int:
+        size = len(payload)
+        if size > MAX_DATA_BYTES:
+            raise MessageTooLarge(self.topic, size, MAX_DATA_BYTES)
+        return size
 
     def _put(self, payload: bytes, size: int) -> bool:
         """Send now or with the batch of this tick; True if that completed a batch."""
@@ -239,7 +251,8 @@ class Publisher(Generic[MessageT]):
         self._send_batch()
         return all(link.has_room(size) for link in self._links.values())
 
-    def _check_type(self, message: Any) -> None:
+    def check_type(self, message: Any) -> None:
+        """Raise TypeError if a message is of another type than the topic."""
         name = getattr(getattr(message, "DESCRIPTOR", None), "full_name", type(message).__name__)
         if name != self.msg_type:
             raise TypeError(f"topic {self.topic!r} carries {self.msg_type}, not {name}")
@@ -260,8 +273,7 @@ class Publisher(Generic[MessageT]):
         """
         async with asyncio.timeout(timeout):
             while self.subscriber_count < count:
-                if self._closed:
-                    raise self._node.failure or HandleClosed(f"publisher of {self.topic!r}")
+                self.check_open()
                 self._changed.clear()
                 await self._changed.wait()
 

@@ -41,6 +41,7 @@ _FOREIGN_PUSH_S = 1.0
 _FOREIGN_SPACING_S = 0.02
 _SAY_WAITING_AFTER_S = 1.0
 _GOODBYE_S = 0.4
+_FAREWELL_S = 1.0
 
 
 class RegistrarHost(Protocol):
@@ -88,6 +89,7 @@ class Registrar:
         self._wake = asyncio.Event()
         self._contact = asyncio.Event()
         self._push_ended: dict[str, asyncio.Event] = {}
+        self._said: dict[EndpointKey, asyncio.Event] = {}
         self._lease: LeaseStream | None = None
         self._leaving = False
         self._task = asyncio.get_running_loop().create_task(self._run(), name="registrar")
@@ -109,10 +111,14 @@ class Registrar:
         self._wake.set()
         await future
 
-    def unregister(self, key: EndpointKey) -> None:
-        """Take a registration back."""
+    async def unregister(self, key: EndpointKey) -> None:
+        """Take a registration back; returns when the Master knows, or after 1 s without it."""
         self._registrations.unwant(key)
         self._wake.set()
+        if self._contact.is_set() and self._registrations.is_told(key):
+            said = self._said.setdefault(key, asyncio.Event())
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(said.wait(), _FAREWELL_S)
 
     async def wait_for_master(self) -> None:
         """Return when a Master has answered."""
@@ -197,7 +203,6 @@ class Registrar:
         while True:
             self._wake.clear()
             for key in iter(self._registrations.next_farewell, None):
-                self._registrations.farewell_said(key)
                 await self._say_farewell(key)
             keys = [key for key in self._registrations.wanted if not self._is_told(key)]
             for start in range(0, len(keys), _PIPELINED):
@@ -266,6 +271,15 @@ class Registrar:
                 future.set_exception(refusal)
 
     async def _say_farewell(self, key: EndpointKey) -> None:
+        self._registrations.farewell_said(key)
+        try:
+            await self._unregistered(key)
+        finally:
+            said = self._said.pop(key, None)
+            if said is not None:
+                said.set()
+
+    async def _unregistered(self, key: EndpointKey) -> None:
         fields: dict[str, Any] = {
             "topic_name": key.topic,
             "msg_type": key.msg_type,
@@ -298,7 +312,6 @@ class Registrar:
 
     async def _tell_foreign_what_is_due(self) -> None:
         for key in iter(self._registrations.next_farewell, None):
-            self._registrations.farewell_said(key)
             await self._say_farewell(key)
             await asyncio.sleep(_FOREIGN_SPACING_S)
         for key in iter(self._registrations.next_registration, None):

@@ -31,12 +31,16 @@ class Sink(Protocol):
     """A subscription as the router sees it."""
 
     wants_bytes: bool
+    takes_batches: bool
     is_direct: bool
     waits: bool
     qos: QosProfile
 
     def take(self, message: Any, size: int) -> None:
         """One message: an object, or its bytes if `wants_bytes`."""
+
+    def take_batch(self, messages: list[Any]) -> None:
+        """All messages of one read; only called if `takes_batches`."""
 
     def room(self) -> int:
         """How many messages fit its queue now; only asked if not `is_direct`."""
@@ -117,17 +121,48 @@ class Route:
 
     def deliver(self, payloads: list[memoryview]) -> None:
         """Parse once and hand to every subscription; the views end with the call."""
-        sinks = self.sinks
-        if len(sinks) == 1 and not sinks[0].wants_bytes:
-            self._deliver_to_one(sinks[0], payloads)
-            return
+        if len(self.sinks) == 1:
+            sink = self.sinks[0]
+            if sink.takes_batches:
+                sink.take_batch(self._batch(sink, payloads))
+                return
+            if not sink.wants_bytes:
+                self._deliver_to_one(sink, payloads)
+                return
         for payload in payloads:
-            for sink in self.sinks:
-                if sink.wants_bytes:
-                    sink.take(bytes(payload), len(payload))
-            wanting = [sink for sink in self.sinks if not sink.wants_bytes]
-            if wanting:
-                self._parse_for(wanting, payload)
+            self._deliver_to_each(payload)
+
+    def _batch(self, sink: Sink, payloads: list[memoryview]) -> list[Any]:
+        if sink.wants_bytes:
+            return [bytes(payload) for payload in payloads]
+        try:
+            return [self._parse(payload) for payload in payloads]
+        except DecodeError:
+            return [message for message in map(self._parsed, payloads) if message is not None]
+
+    def _deliver_to_each(self, payload: memoryview) -> None:
+        message = None
+        for sink in self.sinks:
+            if sink.wants_bytes:
+                item: Any = bytes(payload)
+            else:
+                if message is None:
+                    message = self._parsed(payload)
+                    if message is None:
+                        continue
+                item = message
+            if sink.takes_batches:
+                sink.take_batch([item])
+            else:
+                sink.take(item, len(payload))
+
+    def _parsed(self, payload: memoryview) -> Any:
+        """The message, or None if it cannot be parsed, which is counted."""
+        try:
+            return self._parse(payload)
+        except DecodeError as error:
+            self._unparsable(payload, error)
+            return None
 
     def _deliver_to_one(self, sink: Sink, payloads: list[memoryview]) -> None:
         parse, take = self._parse, sink.take
@@ -138,15 +173,6 @@ class Route:
                 self._unparsable(payload, error)
                 continue
             take(message, len(payload))
-
-    def _parse_for(self, sinks: list[Sink], payload: memoryview) -> None:
-        try:
-            message = self._parse(payload)
-        except DecodeError as error:
-            self._unparsable(payload, error)
-            return
-        for sink in sinks:
-            sink.take(message, len(payload))
 
     def _unparsable(self, payload: memoryview, error: DecodeError) -> None:
         detail = f"{len(payload)} bytes are no {self.msg_type} ({error})"

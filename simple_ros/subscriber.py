@@ -70,6 +70,7 @@ class Subscriber(Generic[MessageT]):
         msg_type: Full protobuf name.
         qos: What is requested.
         wants_bytes: Whether messages are delivered as ``bytes``, not parsed.
+        takes_batches: Whether the callback is given lists of messages.
     """
 
     def __init__(
@@ -82,11 +83,13 @@ class Subscriber(Generic[MessageT]):
         on_event: QosEventCallback | None,
         *,
         wants_bytes: bool,
+        takes_batches: bool = False,
     ) -> None:
         self.topic = topic
         self.msg_type = msg_type
         self.qos = qos
         self.wants_bytes = wants_bytes
+        self.takes_batches = takes_batches
         self.route: Route | None = None
         self._node = node
         self._on_event = on_event
@@ -131,6 +134,14 @@ class Subscriber(Generic[MessageT]):
         except Exception as error:
             self._guard.failed(error)
 
+    def take_batch(self, messages: list[Any]) -> None:
+        """All that one read of a link brought (called by the router, if `takes_batches`)."""
+        if not self._closed:
+            self._received += len(messages)
+            for watchdog in self._watchdogs:
+                watchdog.happened()
+            self._guard.call(self._callback, messages)  # type: ignore[arg-type]
+
     def _enqueue(self, message: MessageT, size: int) -> None:
         if self._closed:
             return
@@ -165,6 +176,16 @@ class Subscriber(Generic[MessageT]):
                     return message
             self._arrived.clear()
             await self._arrived.wait()
+
+    async def receive_within(self, timeout: float | None) -> MessageT:
+        """The next message.
+
+        Raises:
+            TimeoutError: Not within ``timeout`` seconds.
+            HandleClosed: The subscription is closed.
+        """
+        async with asyncio.timeout(timeout):
+            return await self.receive()
 
     def room(self) -> int:
         """How many messages fit the queue now (asked by the router)."""

@@ -18,6 +18,7 @@ class FakeLink:
 
 class FakeSink:
     wants_bytes = False
+    takes_batches = False
     is_direct = True
     waits = False
     qos: QosProfile = DEFAULT
@@ -33,6 +34,9 @@ class FakeSink:
     def take(self, message: Any, size: int) -> None:
         self.got.append(message if self.wants_bytes else message.sensor_id)
         self.free -= 1
+
+    def take_batch(self, messages: list[Any]) -> None:
+        self.got.append([m if self.wants_bytes else m.sensor_id for m in messages])
 
     def room(self) -> int:
         return self.free
@@ -73,6 +77,21 @@ def test_any_spelling_finds_the_topic_and_each_sink_its_form() -> None:
     assert router.receive(LINK, other, no_resume, force=False) == 1
     assert objects.got == [1, 2, 3]
     assert [SensorData.FromString(data).sensor_id for data in raw.got] == [1, 2, 3]
+
+
+def test_a_batch_sink_gets_all_that_one_read_brought_less_what_is_bad() -> None:
+    sink = FakeSink(takes_batches=True)
+    router, _, _ = make(sink)
+    router.receive(LINK, run(1, 2, 3), no_resume, force=False)
+    router.receive(
+        LINK, Run(HEADER, [memoryview(b"\xff"), memoryview(b"\x08\x05")]), no_resume, force=False
+    )
+    assert sink.got == [[1, 2, 3], [5]]
+    assert router.bad.counts == {"unparsable": 1}
+    other = FakeSink(wants_bytes=True)
+    router.add("sensor", "example.SensorData", SensorData.FromString, other)
+    router.receive(LINK, run(6), no_resume, force=False)
+    assert (sink.got[-1], other.got) == ([6], [b"\x08\x06"])
 
 
 def test_a_full_queue_takes_part_then_waits_one_turn_then_drops() -> None:
