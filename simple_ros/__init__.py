@@ -4,6 +4,8 @@ The asyncio face (nodes, publishers, subscribers, timers) is `simple_ros.aio`; m
 `simple_ros.msg`. Here are the values and errors that both share.
 """
 
+import os
+
 from simple_ros.errors import (
     AddressInUse,
     ConfigError,
@@ -38,6 +40,9 @@ from simple_ros.qos import (
     Reliability,
 )
 from simple_ros.schedule import TimerEvent
+
+# gRPC's core writes connection events to stderr; they are ours to report.
+os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
 
 __all__ = [
     "DEFAULT",

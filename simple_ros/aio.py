@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+import threading
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
@@ -47,7 +48,8 @@ def run(main: Coroutine[Any, Any, Result]) -> Result | None:
     """Run a program until it ends or is asked to end.
 
     On SIGINT or SIGTERM ``main`` is cancelled, so that its ``async with`` blocks say goodbye, and
-    None is returned. A second signal while it does changes nothing.
+    None is returned. A second signal while it does changes nothing. (Signals only reach a program's
+    main thread; elsewhere this only runs ``main``.)
     """
     with asyncio.Runner() as runner:
         return runner.run(_until_signal(main))
@@ -64,7 +66,8 @@ async def _until_signal(main: Coroutine[Any, Any, Result]) -> Result | None:
             stopped = True
             task.cancel()
 
-    signals = (signal.SIGINT, signal.SIGTERM)
+    on_main = threading.current_thread() is threading.main_thread()
+    signals = (signal.SIGINT, signal.SIGTERM) if on_main else ()
     for number in signals:
         loop.add_signal_handler(number, stop)
     try:

@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
+import asyncio
+import inspect
 import logging
 import time
 from collections.abc import Callable
 from typing import Any
 
-__all__ = ["CallbackGuard"]
+from simple_ros.errors import HandleClosed
+
+__all__ = ["CALLBACK_ERRORS", "CallbackGuard", "is_async", "is_being_cancelled"]
 
 logger = logging.getLogger(__name__)
 
 _LOG_EVERY_S = 1.0
+
+CALLBACK_ERRORS = (Exception, asyncio.CancelledError)
+"""What may come out of a plain callback; it may well look at a future that was cancelled."""
+
+
+def is_async(callback: object) -> bool:
+    """Whether calling it gives something to await."""
+    return inspect.iscoroutinefunction(callback) or inspect.iscoroutinefunction(
+        getattr(callback, "__call__", None)  # noqa: B004
+    )
+
+
+def is_being_cancelled() -> bool:
+    """Whether a CancelledError is meant for the running task, not something it awaited."""
+    task = asyncio.current_task()
+    return task is not None and task.cancelling() > 0
 
 
 class CallbackGuard:
@@ -33,12 +53,16 @@ class CallbackGuard:
         """Call; an exception ends here."""
         try:
             callback(*args)
-        except Exception as error:
+        except CALLBACK_ERRORS as error:
             self.failed(error)
 
-    def failed(self, error: Exception) -> None:
+    def failed(self, error: BaseException) -> None:
         """Note an exception of the callback."""
         self.errors += 1
+        if isinstance(error, HandleClosed):
+            # Ordinary at the end of a node: its callbacks run until the last handle is closed.
+            logger.info("callback of %s: %s", self._label, error)
+            return
         now = time.monotonic()
         if now - self._logged_at < _LOG_EVERY_S:
             self._unlogged += 1

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from simple_ros.net.feeder import Feeder
-from simple_ros.qos import QosProfile
+from simple_ros.qos import MAX_DEPTH, QosProfile
 from simple_ros.router import Router
 from simple_ros.wire.framing import FrameDecoder
 from simple_ros.wire.queues import BoundedQueue
@@ -27,16 +27,22 @@ class LocalLink:
         sent: Messages delivered.
     """
 
-    is_up = True
-
     def __init__(
-        self, target: Target, profile: QosProfile, router: Router, on_room: Callable[[], None]
+        self,
+        target: Target,
+        profile: QosProfile,
+        router: Router,
+        *,
+        on_room: Callable[[], None],
+        on_broken: Callable[[LocalLink], None],
     ) -> None:
         self.target = target
         self.queue: BoundedQueue[bytes] = BoundedQueue(profile.depth, profile.max_bytes)
         self.sent = 0
         self._router = router
+        self._profile = profile
         self._on_room = on_room
+        self._on_broken = on_broken
         self._loop = asyncio.get_running_loop()
         self._decoder = FrameDecoder(max_message_bytes=2**32)
         self._feeder = Feeder(self, router, lambda: None, self._go_on)
@@ -44,6 +50,16 @@ class LocalLink:
         self._closed = False
         self._empty = asyncio.Event()
         self._empty.set()
+        router.local_links[self] = self._peer_ended
+
+    @property
+    def is_up(self) -> bool:
+        """Whether the other end is there."""
+        return not self._closed
+
+    def _peer_ended(self) -> None:
+        self.close()
+        self._on_broken(self)
 
     def send(
         self,
@@ -51,7 +67,13 @@ class LocalLink:
         joined: bytes,  # noqa: ARG002
         expires_at: float = math.inf,
     ) -> None:
-        """Queue frames for the end of the tick."""
+        """Queue frames for the end of the tick.
+
+        As over a network, ``depth`` only counts once the subscriber holds things up.
+        """
+        if self._closed:
+            return
+        self.queue.depth = self._profile.depth if self._feeder.is_stalled else MAX_DEPTH
         for frame in frames:
             self.queue.push(frame, len(frame), expires_at)
         self._empty.clear()
@@ -61,7 +83,8 @@ class LocalLink:
 
     def has_room(self, size: int, count: int = 1) -> bool:
         """Whether ``count`` messages of ``size`` bytes in all can be queued, with none given up."""
-        return self.queue.has_room(size, count)
+        waiting = len(self.queue) + count <= self._profile.depth
+        return waiting and self.queue.has_room(size, count)
 
     def _deliver(self) -> None:
         self._scheduled = False
@@ -77,7 +100,7 @@ class LocalLink:
         if self.queue and not self._scheduled:
             self._scheduled = True
             self._loop.call_soon(self._deliver)
-        elif not self.queue:
+        elif not self.queue and not self._feeder.is_stalled:
             self._empty.set()
         self._on_room()
 
@@ -92,8 +115,9 @@ class LocalLink:
         """End the link; what still waits is given up."""
         if not self._closed:
             self._closed = True
+            self._router.local_links.pop(self, None)
             self.queue.clear()
-            self._feeder.close()
+            self.queue.dropped += self._feeder.close()
             self._empty.set()
             self._router.link_ended(self)
             self._on_room()

@@ -12,16 +12,22 @@ from typing import Any, Self, TypeVar, overload
 from google.protobuf.message import DecodeError, Message
 
 from simple_ros import names
-from simple_ros.callbacks import CallbackGuard
+from simple_ros.callbacks import CallbackGuard, is_being_cancelled
 from simple_ros.errors import HandleClosed, SimpleRosError, TopicTypeMismatch
 from simple_ros.events import IncompatibleQos, QosEventCallback, TypeConflict
 from simple_ros.msg.registry import MsgFactory
-from simple_ros.net.addresses import find_own_ipv4, further_addresses, master_address
+from simple_ros.net.addresses import (
+    find_own_ipv4,
+    further_addresses,
+    is_loopback,
+    master_address,
+    split_address,
+)
 from simple_ros.net.feeder import Source
 from simple_ros.net.master_client import MasterClient
 from simple_ros.net.server import NodeServer
 from simple_ros.publisher import Publisher
-from simple_ros.qos import DEFAULT, QosProfile, incompatibilities
+from simple_ros.qos import DEFAULT, QosProfile, incompatibilities, strictest, weakest
 from simple_ros.registration import Registrar
 from simple_ros.router import BadMessages, Router
 from simple_ros.rpc import master_pb2 as master
@@ -91,6 +97,9 @@ class NodeHandle:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ended = asyncio.Event()
         self._closed = False
+        self._closing: asyncio.Task[None] | None = None
+        self._flush_until: float | None = None
+        self._unpushed: set[str] = set()
 
     # -- life ----------------------------------------------------------------------------------
 
@@ -108,40 +117,74 @@ class NodeHandle:
         if self._registrar is None:
             self._loop = asyncio.get_running_loop()
             await self.refresh_addresses()
-            hosts = (self.ip,) if self.ip.startswith("127.") else ("0.0.0.0", "::")
+            # Never because the way to the Master could not be found: it may be found later.
+            local = is_loopback(self._fixed_ip or split_address(self.master)[0])
+            hosts = (self.ip,) if local else ("0.0.0.0", "::")
             await self._server.start(hosts, self._wanted_port)
+            if self.is_closed:
+                await self._server.close()
+                raise HandleClosed(f"node {self.name!r}")
             _nodes[self.instance_id] = self
             self._registrar = Registrar(self, self.master)
         return self
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._closed
+
     async def close(self) -> None:
         """Send what still waits, say goodbye to the Master, end everything; within 1 s."""
-        if self._closed:
-            return
-        self._closed = True
-        for timer in list(self._timers):
-            timer.close()
+        if self._closing is None:
+            self._closed = True
+            # In a task of its own: a caller that is cancelled, or closed with the node, ends nothing
+            # halfway.
+            caller = asyncio.current_task()
+            self._closing = asyncio.get_running_loop().create_task(self._close(caller))
+        await asyncio.shield(self._closing)
+
+    async def _close(self, caller: asyncio.Task[Any] | None) -> None:
+        try:
+            for timer in list(self._timers):
+                timer.close_sparing(caller)
+            await self._flush_all()
+            if self._registrar is not None:
+                await self._registrar.close()
+        finally:
+            self._abandon(caller)
+            await self._server.close()
+            _nodes.pop(self.instance_id, None)
+            self._ended.set()
+
+    async def _flush_all(self) -> None:
         publishers = [pub for group in self._publishers.values() for pub in group]
         if publishers:
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(_FLUSH_S):
+                async with asyncio.timeout(self.flush_allowance()):
                     await asyncio.gather(*(publisher.flush() for publisher in publishers))
-        if self._registrar is not None:
-            await self._registrar.close()
-        self._abandon()
-        await self._server.close()
-        _nodes.pop(self.instance_id, None)
-        self._ended.set()
 
-    def _abandon(self) -> None:
+    def flush_allowance(self) -> float:
+        """How long a handle that closes may wait for its messages to leave, in seconds.
+
+        When the program is told to end, all handles together have what otherwise each has.
+        """
+        loop = asyncio.get_running_loop()
+        if not self._closed and not is_being_cancelled():
+            return _FLUSH_S
+        if self._flush_until is None:
+            self._flush_until = loop.time() + _FLUSH_S
+        return max(0.0, self._flush_until - loop.time())
+
+    def _abandon(self, caller: asyncio.Task[Any] | None = None) -> None:
         for publishers in self._publishers.values():
             for publisher in publishers:
                 publisher.abandon()
         for subscribers in self._subscribers.values():
             for subscriber in subscribers:
-                subscriber.abandon()
+                subscriber.abandon(caller)
         for timer in list(self._timers):
-            timer.close()
+            timer.close_sparing(caller)
+        self.router.close()
 
     async def __aenter__(self) -> Self:
         return await self.start()
@@ -227,11 +270,13 @@ class NodeHandle:
         key = EndpointKey(EndpointKind.PUBLISHER, canonical, msg_type)
         publisher = Publisher(self, canonical, message_class, profile, on_event)
         siblings = self._publishers.setdefault(key, [])
+        before = self.qos_of(key)
         if siblings:
             publisher.targets_update(siblings[0].targets)
         siblings.append(publisher)
         try:
             await registrar.register(key)
+            self._tell_if_changed(key, before)
         except BaseException:
             publisher.abandon()
             await self.forget_publisher(publisher)
@@ -336,9 +381,13 @@ class NodeHandle:
         )
         # Listening comes before registering: messages may arrive before the Master's answer.
         subscriber.route = self.router.add(canonical, msg_type, parse, subscriber)
+        before = self.qos_of(key)
         self._subscribers.setdefault(key, []).append(subscriber)
         try:
             await registrar.register(key)
+            self._tell_if_changed(key, before)
+            subscriber.sources_changed()
+            asyncio.get_running_loop().call_soon(subscriber.route.replay, subscriber)
         except BaseException:
             subscriber.abandon()
             await self.forget_subscriber(subscriber)
@@ -379,12 +428,20 @@ class NodeHandle:
         key = EndpointKey(EndpointKind.SUBSCRIBER, subscriber.topic, subscriber.msg_type)
         await self._forget(self._subscribers, key, subscriber)
 
+    def _tell_if_changed(self, key: EndpointKey, before: QosProfile | None) -> None:
+        """Several handles share a registration: the Master is told what they make of it together."""
+        if self._registrar is not None and before not in (None, self.qos_of(key)):
+            self._registrar.changed(key)
+
     async def _forget(
         self, groups: dict[EndpointKey, list[Any]], key: EndpointKey, item: object
     ) -> None:
         group = groups.get(key, [])
+        before = self.qos_of(key)
         if item in group:
             group.remove(item)
+            if group:
+                self._tell_if_changed(key, before)
         if not group and groups.pop(key, None) is not None and self._registrar is not None:
             await self._registrar.unregister(key)
 
@@ -406,7 +463,9 @@ class NodeHandle:
             self.router.bad.add("unparsable", "TopicTargetsUpdate", str(error))
             return
         topic = names.canonical(update.topic)
-        self._push_links.setdefault(link, set()).add(topic)
+        self._unpushed.discard(topic)
+        if self._registrar is not None and self._registrar.is_foreign:
+            self._push_links.setdefault(link, set()).add(topic)
         self._apply_targets(
             topic, update.add_targets, update.remove_targets, snapshot=update.snapshot
         )
@@ -457,12 +516,12 @@ class NodeHandle:
         )
 
     def qos_of(self, key: EndpointKey) -> QosProfile | None:
-        """What this node offers or requests; the first of several handles speaks for all."""
-        groups: dict[EndpointKey, list[Any]] = (
-            self._publishers if key.kind is EndpointKind.PUBLISHER else self._subscribers
-        )
-        group = groups.get(key)
-        return group[0].qos if group else None
+        """What the handles of this node offer or request on a topic, taken together."""
+        if key.kind is EndpointKind.PUBLISHER:
+            publishers = self._publishers.get(key)
+            return weakest([publisher.qos for publisher in publishers]) if publishers else None
+        subscribers = self._subscribers.get(key)
+        return strictest([subscriber.qos for subscriber in subscribers]) if subscribers else None
 
     def master_changed(self) -> None:
         """A Master that knows nothing is about to be told everything."""
@@ -470,9 +529,21 @@ class NodeHandle:
             for publisher in publishers:
                 publisher.reregistered()
 
+    def master_lost(self) -> None:
+        """The Master is gone."""
+        for publishers in self._publishers.values():
+            for publisher in publishers:
+                publisher.master_lost()
+
+    def registering(self, topic: str) -> None:
+        """A topic is about to be registered."""
+        self._unpushed.add(topic)
+
     def subscribers_known(self, topic: str, subscribers: list[ros.NodeInfo]) -> None:
-        """The Master named a topic's subscribers in its answer."""
-        self._apply_targets(topic, subscribers)
+        """The Master named a topic's subscribers in its answer; a push that was faster knows more."""
+        if topic in self._unpushed:
+            self._unpushed.discard(topic)
+            self._apply_targets(topic, subscribers)
 
     def notice(self, event: master.LeaseEvent) -> None:
         """The Master has something to say."""

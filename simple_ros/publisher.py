@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from google.protobuf.message import Message
 
-from simple_ros.errors import HandleClosed, MessageTooLarge, QueueFull
+from simple_ros.errors import FrameError, HandleClosed, MessageTooLarge, QueueFull
 from simple_ros.events import DeadlineMissed, IncompatibleQos, QosEvent, QosEventCallback
 from simple_ros.local import LocalLink
 from simple_ros.net.peer import OutboundLink
@@ -42,6 +42,7 @@ Link = OutboundLink | LocalLink
 
 _pack_u32 = Struct(">I").pack
 _monotonic = time.monotonic
+_get_ident = threading.get_ident
 _BATCH_MESSAGES = 64
 _BATCH_BYTES = 64 * 1024
 _BURST_S = 100e-6
@@ -107,7 +108,7 @@ class Publisher(Generic[MessageT]):
         self._spellings: list[_Spelling] = []
         self._incompatible: set[tuple[str, int]] = set()
         self._latches = qos.durability is Durability.TRANSIENT_LOCAL
-        self._latched: bytes | None = None
+        self._latched: tuple[bytes, float] | None = None
         self._lifespan = math.inf if qos.lifespan_s is None else qos.lifespan_s
         self._blocks = qos.overflow == "block"
         self._ticking = False
@@ -184,9 +185,13 @@ class Publisher(Generic[MessageT]):
 
     def _put(self, payload: bytes, size: int) -> bool:
         """Send now or with the batch of this tick; True if that completed a batch."""
+        if _get_ident() != self._thread:
+            raise RuntimeError(
+                f"publish on {self.topic!r} was called from another thread than its event loop's"
+            )
         self._published += 1
         if self._latches:
-            self._latched = payload
+            self._latched = payload, self._expiry()
         if self._deadline is not None:
             self._deadline.happened()
         if not self._spellings:
@@ -209,10 +214,6 @@ class Publisher(Generic[MessageT]):
         return False
 
     def _send_now(self, payload: bytes) -> None:
-        if threading.get_ident() != self._thread:
-            raise RuntimeError(
-                f"publish on {self.topic!r} was called from another thread than its event loop's"
-            )
         expires_at = self._expiry()
         for spelling in self._spellings:
             frame = spelling.header + _pack_u32(len(payload)) + payload
@@ -311,14 +312,35 @@ class Publisher(Generic[MessageT]):
             _UNCONFIRMED_S, lambda: self._apply(self._targets.drop_unconfirmed())
         )
 
+    def master_lost(self) -> None:
+        """The Master is gone: who it did not name stays, until the next one (called by the node)."""
+        if self._confirm_timer is not None:
+            self._confirm_timer.cancel()
+
     def _apply(self, changes: TargetChanges) -> None:
         for target in changes.closed:
             self._unlink(target)
         for target in changes.opened:
             self._link(target)
+        for target in changes.updated:
+            self._relink(target)
         self._changed.set()
 
+    def _relink(self, target: Target) -> None:
+        """A subscriber's requests have changed."""
+        link = self._links.get(target.key)
+        if link is None or (target.qos is not None and incompatibilities(self.qos, target.qos)):
+            self._unlink(target)
+            self._link(target)
+        elif target.qos is not None and target.qos.durability is Durability.TRANSIENT_LOCAL:
+            self._send_latched(link)
+
     def _link(self, target: Target) -> None:
+        try:
+            header = encode_header(target.topic or self.topic, self.msg_type)
+        except FrameError as error:
+            logger.warning("node %r cannot be sent %r: %s", target.node, self.topic, error)
+            return
         if target.qos is not None:
             problems = incompatibilities(self.qos, target.qos)
             if problems:
@@ -326,7 +348,13 @@ class Publisher(Generic[MessageT]):
                 return
         node = self._node.local_peer(target.instance_id)
         if node is not None:
-            link: Link = LocalLink(target, self.qos, node.router, self._has_changed)
+            link: Link = LocalLink(
+                target,
+                self.qos,
+                node.router,
+                on_room=self._has_changed,
+                on_broken=lambda link: self.targets_update((), (link.target,)),
+            )
         else:
             link = OutboundLink(
                 target,
@@ -336,7 +364,6 @@ class Publisher(Generic[MessageT]):
                 on_room=self._has_changed,
             )
         self._links[target.key] = link
-        header = encode_header(target.topic or self.topic, self.msg_type)
         self._send_batch()
         spelling = next((item for item in self._spellings if item.header == header), None)
         if spelling is None:
@@ -366,16 +393,18 @@ class Publisher(Generic[MessageT]):
         )
 
     def _link_up(self, link: Link) -> None:
-        if self._latched is not None and not len(link.queue):
-            frame = b"".join(
-                (
-                    encode_header(link.target.topic or self.topic, self.msg_type),
-                    _pack_u32(len(self._latched)),
-                    self._latched,
-                )
-            )
-            link.send((frame,), frame)
+        if not link.queue:
+            self._send_latched(link)
         self._has_changed()
+
+    def _send_latched(self, link: Link) -> None:
+        if self._latched is None:
+            return
+        payload, expires_at = self._latched
+        if expires_at > self._loop.time():
+            header = encode_header(link.target.topic or self.topic, self.msg_type)
+            frame = header + _pack_u32(len(payload)) + payload
+            link.send((frame,), frame, expires_at)
 
     def _link_broke(self, link: OutboundLink) -> None:
         self._apply(self._targets.link_broke(link.target.key))
@@ -424,7 +453,7 @@ class Publisher(Generic[MessageT]):
         """Stop publishing: unregister, send what still waits (up to 0.5 s), end the links."""
         if not self._closed:
             with contextlib.suppress(TimeoutError):
-                await self.flush(0.5)
+                await self.flush(self._node.flush_allowance())
             self.abandon()
             await self._node.forget_publisher(self)
 

@@ -8,6 +8,7 @@ model): a publisher must offer at least what a subscription requests. A peer tha
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Literal
@@ -25,18 +26,23 @@ __all__ = [
     "QosProfile",
     "Reliability",
     "incompatibilities",
+    "strictest",
+    "weakest",
 ]
 
 Overflow = Literal["drop", "block"]
+
+MAX_DEPTH = 2**31 - 1
+"""Largest depth that travels."""
 
 
 class Reliability(Enum):
     """What happens to messages a link cannot carry at once."""
 
     BEST_EFFORT = "best_effort"
-    """Only the newest matter: what waits is dropped, oldest first, as soon as a link is congested."""
+    """Only the newest matter: what waits for a link is given up when that link breaks."""
     RELIABLE = "reliable"
-    """Up to ``depth`` messages wait for each subscriber; what must be dropped is counted."""
+    """What waits for a link is kept for the next one to the same subscriber."""
 
 
 class Durability(Enum):
@@ -53,7 +59,7 @@ class Liveliness(Enum):
     AUTOMATIC = "automatic"
     """Its connection: lost when the connection ends or the peer host no longer answers."""
     MANUAL_BY_TOPIC = "manual_by_topic"
-    """A message: lost when none came for ``liveliness_lease_s``."""
+    """A message: lost when none came for ``liveliness_lease_s`` (without a lease nothing is)."""
 
 
 _RELIABILITY_RANK = {Reliability.BEST_EFFORT: 0, Reliability.RELIABLE: 1}
@@ -94,8 +100,8 @@ class QosProfile:
     max_bytes: int = 64 * 1024 * 1024
 
     def __post_init__(self) -> None:
-        if self.depth < 1:
-            raise ConfigError(f"QoS depth must be at least 1, not {self.depth}")
+        if not 1 <= self.depth <= MAX_DEPTH:
+            raise ConfigError(f"QoS depth must be 1 to {MAX_DEPTH}, not {self.depth}")
         if self.max_bytes < 1:
             raise ConfigError(f"QoS max_bytes must be at least 1, not {self.max_bytes}")
         for field in ("deadline_s", "lifespan_s", "liveliness_lease_s"):
@@ -161,3 +167,44 @@ def incompatibilities(offered: QosProfile, requested: QosProfile) -> tuple[Incom
             shown = "none" if offer is None else f"{offer:g} s"
             found.append(Incompatibility(policy.removesuffix("_s"), shown, f"{request:g} s"))
     return tuple(found)
+
+
+def strictest(profiles: Sequence[QosProfile]) -> QosProfile:
+    """What several subscriptions of one node to one topic request together.
+
+    They share a link, so each policy is the most demanding of them all.
+    """
+    return _merged(profiles, max, min)
+
+
+def weakest(profiles: Sequence[QosProfile]) -> QosProfile:
+    """What several publishers of one node on one topic offer together: the least of each policy."""
+    return _merged(profiles, min, _longest)
+
+
+def _longest(values: Sequence[float | None]) -> float | None:
+    return None if None in values else max(value for value in values if value is not None)
+
+
+def _merged(
+    profiles: Sequence[QosProfile],
+    pick: Callable[..., Any],
+    pick_period: Callable[[Sequence[Any]], float | None],
+) -> QosProfile:
+    def period(field: str) -> float | None:
+        values = [getattr(profile, field) for profile in profiles]
+        if pick is max:
+            values = [value for value in values if value is not None]
+        return pick_period(values) if values else None
+
+    first = profiles[0]
+    if all(profile == first for profile in profiles):
+        return first
+    return first.replace(
+        depth=max(profile.depth for profile in profiles),
+        reliability=pick((p.reliability for p in profiles), key=_RELIABILITY_RANK.__getitem__),
+        durability=pick((p.durability for p in profiles), key=_DURABILITY_RANK.__getitem__),
+        liveliness=pick((p.liveliness for p in profiles), key=_LIVELINESS_RANK.__getitem__),
+        deadline_s=period("deadline_s"),
+        liveliness_lease_s=period("liveliness_lease_s"),
+    )

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import grpc
 
 from simple_ros.errors import (
+    HandleClosed,
     MasterUnavailable,
     NodeNameTaken,
     RegistrationRefused,
@@ -61,6 +62,12 @@ class RegistrarHost(Protocol):
     def master_changed(self) -> None:
         """A Master that knows nothing is about to be told everything."""
 
+    def master_lost(self) -> None:
+        """The Master is gone."""
+
+    def registering(self, topic: str) -> None:
+        """A topic is about to be registered."""
+
     def subscribers_known(self, topic: str, subscribers: list[ros.NodeInfo]) -> None:
         """The Master named a topic's subscribers in its answer."""
 
@@ -90,6 +97,8 @@ class Registrar:
         self._contact = asyncio.Event()
         self._push_ended: dict[str, asyncio.Event] = {}
         self._said: dict[EndpointKey, asyncio.Event] = {}
+        self._ended = False
+        self._idle = asyncio.Event()
         self._lease: LeaseStream | None = None
         self._leaving = False
         self._task = asyncio.get_running_loop().create_task(self._run(), name="registrar")
@@ -103,26 +112,47 @@ class Registrar:
             TopicTypeMismatch: The topic has another type; nothing stays registered.
             RegistrationRefused: The Master said no.
         """
+        if self._ended:
+            raise HandleClosed(f"node {self._host.name!r}")
         self._registrations.want(key)
         if self._registrations.is_told(key):
             return
         future = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(key, []).append(future)
         self._wake.set()
-        await future
+        try:
+            await future
+        finally:
+            waiting = self._waiting.get(key, [])
+            if future in waiting:
+                waiting.remove(future)
+            if not waiting:
+                self._waiting.pop(key, None)
+
+    def changed(self, key: EndpointKey) -> None:
+        """Tell the Master anew: the QoS of a registration has changed."""
+        if self._registrations.is_told(key):
+            self._registrations.want_anew(key)
+            self._wake.set()
 
     async def unregister(self, key: EndpointKey) -> None:
         """Take a registration back; returns when the Master knows, or after 1 s without it."""
         self._registrations.unwant(key)
         self._wake.set()
-        if self._contact.is_set() and self._registrations.is_told(key):
+        if self._contact.is_set() and self._registrations.has_farewell(key):
             said = self._said.setdefault(key, asyncio.Event())
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(said.wait(), _FAREWELL_S)
 
     async def wait_for_master(self) -> None:
-        """Return when a Master has answered."""
+        """Return when a Master has answered.
+
+        Raises:
+            HandleClosed: The node ended meanwhile.
+        """
         await self._contact.wait()
+        if self._ended:
+            raise HandleClosed(f"node {self._host.name!r}")
 
     def push_connection_ended(self, topic: str) -> None:
         """A connection that brought a push about ``topic`` (canonical) has ended."""
@@ -143,8 +173,12 @@ class Registrar:
                 return
             except (grpc.aio.AioRpcError, MasterUnavailable, ConnectionError) as error:
                 logger.debug("Master at %s: %s", self._address, error)
+            except Exception:
+                # Nothing may end this task unseen: the node would wait for ever.
+                logger.exception("registration with the Master at %s failed", self._address)
             self._contact.clear()
             self._registrations.master_changed()
+            self._host.master_lost()
             if not self._leaving:
                 await asyncio.sleep(backoff.next_delay())
 
@@ -214,10 +248,24 @@ class Registrar:
         return self._registrations.is_told(key)
 
     async def _tell_one(self, key: EndpointKey) -> None:
-        self._answered(key, await self._tell(key))
+        if self._registrations.is_wanted(key):
+            self._answered(key, await self._tell_safely(key))
 
-    async def _tell(self, key: EndpointKey) -> SimpleRosError | None:
+    async def _tell_safely(self, key: EndpointKey) -> Exception | None:
+        """As `_tell`; what goes wrong with this one registration is no matter of the others."""
+        try:
+            refusal = await self._tell(key)
+        except (MasterUnavailable, asyncio.CancelledError):
+            raise
+        except (grpc.aio.AioRpcError, SimpleRosError, ValueError) as error:
+            refusal = error
+        if self._registrations.has_farewell(key):
+            self._wake.set()
+        return refusal
+
+    async def _tell(self, key: EndpointKey) -> Exception | None:
         """Register; return why the Master refused, if it did."""
+        self._host.registering(key.topic)
         fields: dict[str, Any] = {
             "topic_name": key.topic,
             "msg_type": key.msg_type,
@@ -254,13 +302,14 @@ class Registrar:
             tuple(conflict.existing_nodes),
         )
 
-    def _answered(self, key: EndpointKey, refusal: SimpleRosError | None = None) -> None:
+    def _answered(self, key: EndpointKey, refusal: Exception | None = None) -> None:
         waiting = self._waiting.pop(key, [])
         if refusal is not None:
             if waiting:
                 self._registrations.unwant(key)
                 self._registrations.farewell_said(key)
             else:
+                self._registrations.told(key)
                 logger.error("not registered: %s", refusal)
         for future in waiting:
             if future.done():
@@ -306,24 +355,29 @@ class Registrar:
     async def _tell_foreign(self) -> None:
         while True:
             self._wake.clear()
+            self._idle.clear()
             await self._tell_foreign_what_is_due()
             if not self._wake.is_set():
+                self._idle.set()
                 await self._wake.wait()
 
     async def _tell_foreign_what_is_due(self) -> None:
         for key in iter(self._registrations.next_farewell, None):
             await self._say_farewell(key)
-            await asyncio.sleep(_FOREIGN_SPACING_S)
+            if key.kind is EndpointKind.SUBSCRIBER:
+                # That one makes the Master push; the other does not.
+                await asyncio.sleep(_FOREIGN_SPACING_S)
         for key in iter(self._registrations.next_registration, None):
             ended = self._push_ended.setdefault(key.topic, asyncio.Event())
             ended.clear()
-            refusal = await self._tell(key)
+            refusal = await self._tell_safely(key)
             if key.kind is EndpointKind.PUBLISHER:
                 # The push always comes, even with no targets, and its connection then ends.
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(ended.wait(), _FOREIGN_PUSH_S)
             else:
                 await asyncio.sleep(_FOREIGN_SPACING_S)
+            self._push_ended.pop(key.topic, None)
             self._answered(key, refusal)
 
     # -- the end -------------------------------------------------------------------------------
@@ -334,6 +388,8 @@ class Registrar:
             for future in self._waiting.pop(key):
                 if not future.done():
                     future.set_exception(error)
+        self._ended = True
+        self._contact.set()
         self._host.failed(error)
 
     async def close(self) -> None:
@@ -355,12 +411,17 @@ class Registrar:
         elif self.is_foreign and self._contact.is_set():
             for key in self._registrations.wanted:
                 self._registrations.unwant(key)
-            await self._tell_foreign_what_is_due()
+            self._idle.clear()
+            self._wake.set()
+            await self._idle.wait()
 
     def _end_waiting(self) -> None:
+        self._ended = True
+        self._contact.set()
         for futures in self._waiting.values():
             for future in futures:
-                future.cancel()
+                if not future.done():
+                    future.set_exception(HandleClosed(f"node {self._host.name!r}"))
         self._waiting.clear()
 
 

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from google.protobuf.message import DecodeError
 
 from simple_ros.names import canonical
 from simple_ros.net.feeder import Source
-from simple_ros.qos import QosProfile
+from simple_ros.qos import Durability, QosProfile
 from simple_ros.wire.framing import TARGETS_UPDATE_TYPE, Run, header_names
 
 __all__ = ["BadMessages", "Route", "Router", "Sink"]
@@ -36,14 +36,21 @@ class Sink(Protocol):
     waits: bool
     qos: QosProfile
 
+    @property
+    def has_received(self) -> bool:
+        """Whether any message was delivered to it."""
+
     def take(self, message: Any, size: int) -> None:
         """One message: an object, or its bytes if `wants_bytes`."""
 
     def take_batch(self, messages: list[Any]) -> None:
         """All messages of one read; only called if `takes_batches`."""
 
-    def room(self) -> int:
-        """How many messages fit its queue now; only asked if not `is_direct`."""
+    def room(self, sizes: Sequence[int]) -> int:
+        """How many of the next messages, of so many bytes, fit its queue now.
+
+        Only asked if not `is_direct`.
+        """
 
     def call_when_room(self, resume: Callable[[], None]) -> None:
         """Call once, when there is room again; only asked if `waits`."""
@@ -86,18 +93,41 @@ class BadMessages:
 class Route:
     """The subscriptions of one topic and type."""
 
-    def __init__(
-        self, topic: str, msg_type: str, parse: Callable[[Any], Any], bad: BadMessages
-    ) -> None:
+    def __init__(self, topic: str, msg_type: str, bad: BadMessages) -> None:
         self.topic = topic
         self.msg_type = msg_type
         self.sinks: tuple[Sink, ...] = ()
         self.sources: set[Source] = set()
-        self._parse = parse
+        self._parse: Callable[[Any], Any] = bytes
         self._bad = bad
+        self._latches = False
+        self._last: bytes | None = None
+
+    def add(self, sink: Sink, parse: Callable[[Any], Any]) -> None:
+        """Deliver to ``sink`` too; ``parse`` is how it wants its messages made, if not as bytes."""
+        if not sink.wants_bytes:
+            self._parse = parse
+        self.sinks = (*self.sinks, sink)
+        if sink.qos.durability is Durability.TRANSIENT_LOCAL:
+            self._latches = True
+
+    def replay(self, sink: Sink) -> None:
+        """Give a late joiner of this node the last message that earlier ones had already."""
+        wants = sink.qos.durability is Durability.TRANSIENT_LOCAL and not sink.has_received
+        if self._last is not None and wants and sink in self.sinks:
+            self._deliver_to(sink, memoryview(self._last))
+
+    def expect_life(self) -> None:
+        """Let links end that give no sign of life for the shortest lease anybody here asks for."""
+        leases = [sink.qos.liveliness_lease_s for sink in self.sinks]
+        shortest = min((lease for lease in leases if lease is not None), default=None)
+        if shortest is not None:
+            for source in self.sources:
+                source.expect_life_within(shortest)
 
     def sources_changed(self) -> None:
         """Tell the subscriptions that a link came or went."""
+        self.expect_life()
         for sink in self.sinks:
             sink.sources_changed()
 
@@ -105,22 +135,27 @@ class Route:
         """Deliver as much as the queues take; see `Receiver.receive`."""
         queued = [sink for sink in self.sinks if not sink.is_direct]
         if queued:
-            room = min(sink.room() for sink in queued)
+            sizes = [len(payload) for payload in payloads]
+            rooms = {sink: sink.room(sizes) for sink in queued}
+            room = min(rooms.values())
             if room < len(payloads):
                 for sink in queued:
-                    if sink.waits and not sink.room():
+                    if sink.waits and not rooms[sink]:
                         sink.call_when_room(resume)
                         return -1
                 if not room:
                     if not force:
                         return 0
-                    room = min(sink.qos.depth for sink in queued)
+                    # Those that do not wait drop their oldest; those that do get what fits.
+                    room = min(rooms[sink] if sink.waits else sink.qos.depth for sink in queued)
                 payloads = payloads[:room]
         self.deliver(payloads)
         return len(payloads)
 
     def deliver(self, payloads: list[memoryview]) -> None:
         """Parse once and hand to every subscription; the views end with the call."""
+        if self._latches and payloads:
+            self._last = bytes(payloads[-1])
         if len(self.sinks) == 1:
             sink = self.sinks[0]
             if sink.takes_batches:
@@ -141,20 +176,24 @@ class Route:
             return [message for message in map(self._parsed, payloads) if message is not None]
 
     def _deliver_to_each(self, payload: memoryview) -> None:
-        message = None
+        wanted = any(not sink.wants_bytes for sink in self.sinks)
+        message = self._parsed(payload) if wanted else None
         for sink in self.sinks:
             if sink.wants_bytes:
-                item: Any = bytes(payload)
-            else:
-                if message is None:
-                    message = self._parsed(payload)
-                    if message is None:
-                        continue
-                item = message
-            if sink.takes_batches:
-                sink.take_batch([item])
-            else:
-                sink.take(item, len(payload))
+                self._hand(sink, bytes(payload), len(payload))
+            elif message is not None:
+                self._hand(sink, message, len(payload))
+
+    def _deliver_to(self, sink: Sink, payload: memoryview) -> None:
+        message = bytes(payload) if sink.wants_bytes else self._parsed(payload)
+        if message is not None:
+            self._hand(sink, message, len(payload))
+
+    def _hand(self, sink: Sink, message: Any, size: int) -> None:
+        if sink.takes_batches:
+            sink.take_batch([message])
+        else:
+            sink.take(message, size)
 
     def _parsed(self, payload: memoryview) -> Any:
         """The message, or None if it cannot be parsed, which is counted."""
@@ -197,21 +236,31 @@ class Router:
         self._on_link_ended = on_link_ended
         self._routes: dict[tuple[str, str], Route] = {}
         self._by_link: dict[Source, dict[bytes, Route]] = {}
+        self.local_links: dict[Source, Callable[[], None]] = {}
 
     def add(self, topic: str, msg_type: str, parse: Callable[[Any], Any], sink: Sink) -> Route:
         """Deliver a topic to ``sink`` from now on."""
         key = topic, msg_type
         route = self._routes.get(key)
         if route is None:
-            route = self._routes[key] = Route(topic, msg_type, parse, self.bad)
-        route.sinks = (*route.sinks, sink)
+            route = self._routes[key] = Route(topic, msg_type, self.bad)
+        route.add(sink, parse)
         return route
 
     def remove(self, topic: str, msg_type: str, sink: Sink) -> bool:
         """Deliver nothing more to ``sink``; True if the topic has no other sink of that type."""
-        route = self._routes[topic, msg_type]
+        route = self._routes.get((topic, msg_type))
+        if route is None:
+            return True
         route.sinks = tuple(other for other in route.sinks if other is not sink)
-        return not route.sinks
+        if route.sinks:
+            return False
+        del self._routes[topic, msg_type]
+        for source in route.sources:
+            known = self._by_link[source]
+            for header in [header for header, other in known.items() if other is route]:
+                del known[header]
+        return True
 
     def receive(self, link: Source, run: Run, resume: Callable[[], None], *, force: bool) -> int:
         """Deliver one run of frames that came on ``link``; see `Receiver.receive`."""
@@ -223,11 +272,8 @@ class Router:
             return len(run.payloads)
         if run.oversized:
             self.bad.add("oversized", route.topic, f"{run.oversized} bytes are over the limit")
-        elif route.sinks:
-            return route.offer(run.payloads, resume, force=force)
-        else:
-            self._unknown(route.topic, len(run.payloads))
-        return len(run.payloads)
+            return 0
+        return route.offer(run.payloads, resume, force=force)
 
     def _find(self, link: Source, run: Run) -> Route | None:
         """The route of a header this link has not brought yet; None if handled otherwise."""
@@ -261,6 +307,11 @@ class Router:
 
     def _unknown(self, topic: str, count: int) -> None:
         self.bad.add("unknown_topic", topic, "nobody here subscribes to it", count)
+
+    def close(self) -> None:
+        """The node ends: tell the links of this process, which have no connection that could."""
+        for peer_ended in list(self.local_links.values()):
+            peer_ended()
 
     def link_refused(self, peer: str, reason: str) -> None:
         """A stream that could not be followed was closed."""

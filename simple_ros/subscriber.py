@@ -15,14 +15,13 @@ node, since they share its link).
 from __future__ import annotations
 
 import asyncio
-import inspect
 import logging
 import math
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
-from simple_ros.callbacks import CallbackGuard
+from simple_ros.callbacks import CALLBACK_ERRORS, CallbackGuard, is_async, is_being_cancelled
 from simple_ros.errors import HandleClosed
 from simple_ros.events import DeadlineMissed, LivelinessChanged, QosEvent, QosEventCallback
 from simple_ros.qos import Liveliness, QosProfile
@@ -114,9 +113,7 @@ class Subscriber(Generic[MessageT]):
     def _chosen_take(self, callback: Callback[MessageT] | None) -> Callable[[MessageT, int], None]:
         if callback is None:
             return self._enqueue
-        if inspect.iscoroutinefunction(callback) or inspect.iscoroutinefunction(
-            getattr(callback, "__call__", None)  # noqa: B004
-        ):
+        if is_async(callback):
             self._task = self._loop.create_task(
                 self._await_callbacks(callback), name=f"callbacks of {self.topic}"
             )
@@ -131,7 +128,7 @@ class Subscriber(Generic[MessageT]):
         self._received += 1
         try:
             self._callback(message)  # type: ignore[misc]
-        except Exception as error:
+        except CALLBACK_ERRORS as error:
             self._guard.failed(error)
 
     def take_batch(self, messages: list[Any]) -> None:
@@ -156,7 +153,9 @@ class Subscriber(Generic[MessageT]):
         async for message in self:
             try:
                 await callback(message)
-            except Exception as error:
+            except CALLBACK_ERRORS as error:
+                if is_being_cancelled():
+                    raise
                 self._guard.failed(error)
 
     async def receive(self) -> MessageT:
@@ -187,9 +186,20 @@ class Subscriber(Generic[MessageT]):
         async with asyncio.timeout(timeout):
             return await self.receive()
 
-    def room(self) -> int:
-        """How many messages fit the queue now (asked by the router)."""
-        return self.qos.depth - len(self._queue)
+    def room(self, sizes: Sequence[int]) -> int:
+        """How many of the next messages, of so many bytes, fit the queue now (asked by the router)."""
+        queue = self._queue
+        count = min(self.qos.depth - len(queue), len(sizes))
+        space = self.qos.max_bytes - queue.size_bytes
+        if sum(sizes) <= space:
+            return count
+        fitting = 0
+        for size in sizes[:count]:
+            space -= size
+            if space < 0 and (fitting or queue):
+                break
+            fitting += 1
+        return fitting
 
     def call_when_room(self, resume: Callable[[], None]) -> None:
         """Call once, when there is room again (asked by the router)."""
@@ -239,9 +249,6 @@ class Subscriber(Generic[MessageT]):
     def sources_changed(self) -> None:
         """A publisher's connection came or went (called by the router)."""
         if self.qos.liveliness is Liveliness.AUTOMATIC:
-            if self.route is not None and self.qos.liveliness_lease_s is not None:
-                for source in self.route.sources:
-                    source.expect_life_within(self.qos.liveliness_lease_s)
             self._set_alive(self.publisher_count > 0)
 
     def _set_alive(self, alive: bool) -> None:
@@ -255,6 +262,11 @@ class Subscriber(Generic[MessageT]):
             self._guard.call(self._on_event, event)
 
     # -- state ---------------------------------------------------------------------------------
+
+    @property
+    def has_received(self) -> bool:
+        """Whether any message has arrived (asked by the router)."""
+        return self._received > 0
 
     @property
     def publisher_count(self) -> int:
@@ -277,15 +289,16 @@ class Subscriber(Generic[MessageT]):
 
     unsubscribe = close
 
-    def abandon(self) -> None:
-        """End at once, telling nobody (called by the node)."""
+    def abandon(self, caller: asyncio.Task[Any] | None = None) -> None:
+        """End at once, telling nobody (called by the node); cancels no task that is the caller."""
         self._closed = True
         self._queue.clear()
         self._wake_waiting()
         self._arrived.set()
         for watchdog in self._watchdogs:
             watchdog.stop()
-        if self._task is not None and self._task is not asyncio.current_task(self._loop):
+        spared = (caller, asyncio.current_task(self._loop))
+        if self._task is not None and self._task not in spared:
             self._task.cancel()
 
     async def __aenter__(self) -> Self:

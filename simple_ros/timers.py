@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import time
 from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any
 
-from simple_ros.callbacks import CallbackGuard
+from simple_ros.callbacks import CALLBACK_ERRORS, CallbackGuard, is_async, is_being_cancelled
 from simple_ros.errors import HandleClosed
 from simple_ros.schedule import TimerEvent, TimerSchedule
 
@@ -30,7 +29,7 @@ class Timer:
         self._node = node
         self._schedule = schedule
         self._callback = callback
-        self._is_async = inspect.iscoroutinefunction(callback)
+        self._is_async = is_async(callback)
         self._guard = CallbackGuard(f"a timer of {schedule.period_s:g} s")
         self._loop = asyncio.get_running_loop()
         self._handle: asyncio.TimerHandle | None = None
@@ -90,9 +89,13 @@ class Timer:
 
     def close(self) -> None:
         """Stop for good."""
+        self.close_sparing(asyncio.current_task(self._loop))
+
+    def close_sparing(self, caller: asyncio.Task[Any] | None) -> None:
+        """Stop for good; a coroutine callback under way is cancelled, unless it is the caller."""
         self._closed = True
         self.stop()
-        if self._task is not None:
+        if self._task is not None and self._task is not caller:
             self._task.cancel()
         self._node.forget_timer(self)
 
@@ -123,11 +126,13 @@ class Timer:
         begun = self._loop.time()
         try:
             await self._callback(event)  # type: ignore[misc]
-        except Exception as error:
+        except CALLBACK_ERRORS as error:
+            if is_being_cancelled():
+                raise
             self._guard.failed(error)
         finally:
             self._task = None
-        self._called(begun)
+            self._called(begun)
 
     def _called(self, begun: float) -> None:
         now = self._loop.time()

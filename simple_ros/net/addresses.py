@@ -6,15 +6,21 @@ import asyncio
 import ipaddress
 import os
 import socket
+import struct
+from dataclasses import dataclass
 
 from simple_ros.errors import ConfigError
 
 __all__ = [
     "DEFAULT_MASTER",
     "RESERVED_PORTS",
+    "ConnectionState",
+    "connection_state",
     "find_own_ipv4",
     "further_addresses",
+    "is_loopback",
     "join_address",
+    "judge_connection",
     "keep_alive",
     "listening_socket",
     "master_address",
@@ -71,7 +77,7 @@ def own_ipv4(master: str) -> str:
             probe.connect(infos[0][4])
             return str(probe.getsockname()[0])
     except OSError:
-        if _is_loopback(host):
+        if is_loopback(host):
             return "127.0.0.1"
         others = [text for text in _interface_addresses() if ":" not in text]
         return others[0] if others else "127.0.0.1"
@@ -87,7 +93,7 @@ async def find_own_ipv4(master: str) -> str:
 
 def further_addresses(ip: str, port: int) -> tuple[str, ...]:
     """``host:port`` of this host's other interfaces, for peers that cannot reach ``ip``."""
-    if _is_loopback(ip):
+    if is_loopback(ip):
         return ()
     return tuple(join_address(text, port) for text in _interface_addresses() if text != ip)
 
@@ -103,11 +109,12 @@ def _interface_addresses() -> list[str]:
         if entry.family in families and "%" not in entry.address
     ]
     return sorted(
-        (text for text in found if not _is_loopback(text)), key=lambda text: (":" in text, text)
+        (text for text in found if not is_loopback(text)), key=lambda text: (":" in text, text)
     )
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
+    """Whether a host, as written, can only mean this one."""
     if host == "localhost":
         return True
     try:
@@ -150,15 +157,12 @@ def _bind(host: str, port: int) -> socket.socket:
     return sock
 
 
-def keep_alive(
-    sock: socket.socket, user_timeout_s: float | None = None, *, idle_s: float = 8.0
-) -> None:
-    """Let the kernel notice a peer host that vanished: idle links by probes, busy ones by a limit.
+def keep_alive(sock: socket.socket, *, idle_s: float = 8.0) -> None:
+    """Let the kernel notice a peer host that vanished, on a link that carries nothing.
 
     Args:
         sock: A connected TCP socket.
-        user_timeout_s: How long sent data may stay unacknowledged.
-        idle_s: How long an idle link may give no sign of life, rounded to whole seconds, at least 2.
+        idle_s: How long it may give no sign of life, rounded to whole seconds, at least 2.
     """
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     probes = max(1, min(3, round(idle_s) // 2))
@@ -171,5 +175,46 @@ def keep_alive(
         option = getattr(socket, name, None)
         if option is not None:
             sock.setsockopt(socket.IPPROTO_TCP, option, value)
-    if user_timeout_s is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(user_timeout_s * 1000))
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectionState:
+    """What the kernel knows of a connection that carries data.
+
+    Attributes:
+        is_under_way: Whether something sent is not acknowledged yet.
+        is_silent: Whether the peer's host has answered nothing for 8 s although it was asked:
+            by retransmissions, or by probes of a full window. A peer that reads nothing but whose
+            kernel answers is not silent, and `TCP_USER_TIMEOUT` would not tell the two apart.
+    """
+
+    is_under_way: bool
+    is_silent: bool
+
+
+_SILENT_MS = 8000
+_UNANSWERED_PROBES = 4
+# struct tcp_info of Linux: retransmits, probes; unacked; last_ack_recv (ms ago).
+_TCP_INFO = struct.Struct("=2xBB20xI28xI")
+
+
+def connection_state(sock: socket.socket) -> ConnectionState:
+    """Look at a connected TCP socket; where the kernel does not tell, nothing is silent."""
+    option = getattr(socket, "TCP_INFO", None)
+    if option is None:
+        return ConnectionState(is_under_way=False, is_silent=False)
+    raw = sock.getsockopt(socket.IPPROTO_TCP, option, _TCP_INFO.size)
+    if len(raw) < _TCP_INFO.size:
+        return ConnectionState(is_under_way=False, is_silent=False)
+    return judge_connection(*_TCP_INFO.unpack(raw))
+
+
+def judge_connection(
+    retransmits: int, probes: int, unacked: int, last_ack_ms: int
+) -> ConnectionState:
+    """The verdict on what ``TCP_INFO`` says."""
+    asked = (unacked > 0 and retransmits > 0) or probes >= _UNANSWERED_PROBES
+    return ConnectionState(
+        is_under_way=unacked > 0 or probes > 0,
+        is_silent=asked and last_ack_ms > _SILENT_MS,
+    )

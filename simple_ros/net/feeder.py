@@ -115,7 +115,9 @@ class Feeder:
             self._stalled = False
             self._on_flowing()
 
-    def close(self) -> None:
-        """Deliver nothing more."""
+    def close(self) -> int:
+        """Deliver nothing more; return how many messages that gave up."""
         self._closed = True
+        given_up = sum(len(run.payloads) for run in self._backlog)
         self._backlog.clear()
+        return given_up

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import AsyncIterator
 from types import TracebackType
 from typing import Any, Self, TypeVar
-
-# gRPC's core writes connection events to stderr; they are ours to report.
-os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
 
 import grpc
 from google.protobuf.message import Message

@@ -13,7 +13,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 
-from simple_ros.net.addresses import join_address, keep_alive, split_address
+from simple_ros.net.addresses import connection_state, join_address, keep_alive, split_address
 from simple_ros.qos import QosProfile, Reliability
 from simple_ros.wire.queues import BoundedQueue
 from simple_ros.wire.session import Backoff, Target
@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 _CHUNK_BYTES = 256 * 1024
 _DIAL_TIMEOUT_S = 5.0
-_USER_TIMEOUT_S = 8.0
+_CHECK_EVERY_S = 2.0
 
 
 class OutboundLink(asyncio.Protocol):
@@ -59,8 +59,10 @@ class OutboundLink(asyncio.Protocol):
         self._direct = False
         self._paused = False
         self._closed = False
+        self._check: asyncio.TimerHandle | None = None
         self._lost = asyncio.Event()
         self._idle = asyncio.Event()
+        self._idle.set()
         self._backoff = Backoff()
         self._task = self._loop.create_task(self._keep_linked(), name=f"link to {target.node}")
 
@@ -77,7 +79,12 @@ class OutboundLink(asyncio.Protocol):
             self.sent += len(frames)
             assert self._transport is not None
             self._transport.write(joined)
+            if self._check is None:
+                self._check = self._loop.call_later(_CHECK_EVERY_S, self._check_peer)
             return
+        if self._closed:
+            return
+        self._idle.clear()
         for frame in frames:
             self.queue.push(frame, len(frame), expires_at)
 
@@ -96,7 +103,22 @@ class OutboundLink(asyncio.Protocol):
             if not self._is_paused():
                 self._direct = True
                 self._idle.set()
+            if self._check is None:
+                self._check = self._loop.call_later(_CHECK_EVERY_S, self._check_peer)
         self._on_room()
+
+    def _check_peer(self) -> None:
+        """End a link whose peer host no longer answers; look again while something is under way."""
+        self._check = None
+        transport = self._transport
+        if transport is None or transport.is_closing():
+            return
+        state = connection_state(transport.get_extra_info("socket"))
+        if state.is_silent:
+            logger.debug("%s no longer answers", self._who())
+            transport.abort()
+        elif state.is_under_way or self._paused:
+            self._check = self._loop.call_later(_CHECK_EVERY_S, self._check_peer)
 
     def _is_paused(self) -> bool:
         return self._paused
@@ -114,14 +136,15 @@ class OutboundLink(asyncio.Protocol):
 
     async def _dial(self) -> bool:
         self._lost.clear()
-        addresses = [(self.target.ip, self.target.port)]
-        addresses += [split_address(text) for text in self.target.addresses]
-        for host, port in addresses:
+        addresses = [join_address(*self.target.key), *self.target.addresses]
+        for address in addresses:
             try:
+                host, port = split_address(address)
                 async with asyncio.timeout(_DIAL_TIMEOUT_S):
                     await self._loop.create_connection(lambda: self, host, port)
                 return True
-            except (OSError, TimeoutError) as error:
+            except (OSError, OverflowError, ValueError) as error:
+                # ValueError: what a peer registered is no address at all.
                 logger.debug("%s does not answer: %s", self._who(), error)
         self._on_broken(self)
         return False
@@ -133,7 +156,7 @@ class OutboundLink(asyncio.Protocol):
         assert isinstance(transport, asyncio.Transport)
         # High water at zero: the transport tells at once when a send did not fit the socket.
         transport.set_write_buffer_limits(high=0)
-        keep_alive(transport.get_extra_info("socket"), _USER_TIMEOUT_S)
+        keep_alive(transport.get_extra_info("socket"))
         self._transport = transport
         self._paused = False
         self.connects += 1
@@ -157,9 +180,13 @@ class OutboundLink(asyncio.Protocol):
         self._transport = None
         self._direct = False
         self._paused = False
-        self._idle.clear()
         if not self._keeps_over_breaks:
             self.queue.clear()
+        if not self.queue:
+            self._idle.set()
+        if self._check is not None:
+            self._check.cancel()
+            self._check = None
         self._lost.set()
         self._on_room()
 
@@ -167,7 +194,7 @@ class OutboundLink(asyncio.Protocol):
 
     async def flush(self) -> None:
         """Wait until everything queued has been handed to the kernel."""
-        while (self.queue or self._paused) and not self._closed:
+        if not self._closed:
             await self._idle.wait()
 
     def close(self) -> None:

@@ -79,7 +79,7 @@ class InboundLink(asyncio.BufferedProtocol):
 
     def expect_life_within(self, seconds: float) -> None:
         """Probe the peer's host so that it is missed after about ``seconds``, in whole seconds."""
-        if self._transport is not None:
+        if self._transport is not None and not self._ended and not self._transport.is_closing():
             keep_alive(self._transport.get_extra_info("socket"), idle_s=seconds)
 
     def close(self) -> None:

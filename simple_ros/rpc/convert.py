@@ -61,7 +61,7 @@ def qos_from_proto(message: ros.QosPolicies) -> qos.QosProfile:
     """A peer's profile; what it left out or what this version does not know is the default."""
     default = qos.DEFAULT
     return qos.QosProfile(
-        depth=message.depth or default.depth,
+        depth=min(message.depth, qos.MAX_DEPTH) or default.depth,
         reliability=_RELIABILITY_BACK.get(message.reliability, default.reliability),
         durability=_DURABILITY_BACK.get(message.durability, default.durability),
         deadline_s=_from_ns(message.deadline_ns),

@@ -52,6 +52,7 @@ _pack_u32 = _U32.pack
 
 _FIRST_BUFFER = 16 * 1024
 _SMALL_BUFFER = 256 * 1024
+_KEPT_BUFFER = 16 * 1024 * 1024
 
 
 def encode_header(topic: str, msg_type: str) -> bytes:
@@ -160,7 +161,8 @@ class FrameDecoder:
         """Where the next bytes go; never empty."""
         if self._start == self._end:
             self._start = self._end = 0
-            if len(self._buffer) > _SMALL_BUFFER and self._peak <= len(self._buffer) // 4:
+            size = len(self._buffer)
+            if size > _KEPT_BUFFER or (size > _SMALL_BUFFER and self._peak <= size // 4):
                 self._replace_buffer(_SMALL_BUFFER)
         elif self._end == len(self._buffer):
             self._make_room()
@@ -223,7 +225,7 @@ class FrameDecoder:
                 break
         self._start = start
         self._wanted = skip + 4 + size
-        self._peak = max(self._wanted, self._peak - self._peak // 64)
+        self._peak = max(self._wanted, self._peak - self._peak // 8)
         return payloads, oversized
 
     def _read_header(self) -> bool:

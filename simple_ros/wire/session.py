@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from simple_ros.qos import QosProfile
@@ -82,10 +82,14 @@ class Target:
 
 @dataclass(slots=True)
 class TargetChanges:
-    """Links to open and to close, in this order: close first."""
+    """Links to close, to open and to look at again, in this order.
+
+    An updated target is the same peer under the same address that requests another QoS.
+    """
 
     closed: list[Target] = field(default_factory=list)
     opened: list[Target] = field(default_factory=list)
+    updated: list[Target] = field(default_factory=list)
 
 
 class TargetSet:
@@ -134,9 +138,12 @@ class TargetSet:
         self._unconfirmed.discard(target.key)
         if known == target:
             return
+        self._targets[target.key] = target
+        if known is not None and replace(known, qos=target.qos) == target:
+            changes.updated.append(target)
+            return
         if known is not None:
             changes.closed.append(known)
-        self._targets[target.key] = target
         changes.opened.append(target)
 
     def _close(self, key: Address, changes: TargetChanges, instance_id: str = "") -> None:
@@ -199,9 +206,15 @@ class Registrations:
         return tuple(self._wanted)
 
     def want(self, key: EndpointKey) -> None:
-        """Register from now on, with every Master that comes."""
+        """Register from now on, with every Master that comes.
+
+        A farewell that is due is still said first: what is wanted anew is registered anew.
+        """
         self._wanted[key] = None
-        self._farewells.pop(key, None)
+
+    def want_anew(self, key: EndpointKey) -> None:
+        """Tell the Master once more, since something about it has changed."""
+        self._told.discard(key)
 
     def unwant(self, key: EndpointKey) -> None:
         """Take a wish back."""
@@ -210,8 +223,16 @@ class Registrations:
             self._farewells[key] = None
 
     def is_told(self, key: EndpointKey) -> bool:
-        """Whether the present Master knows."""
-        return key in self._told
+        """Whether the present Master knows, and will not be told otherwise."""
+        return key in self._told and key not in self._farewells
+
+    def is_wanted(self, key: EndpointKey) -> bool:
+        """Whether it is to be registered."""
+        return key in self._wanted
+
+    def has_farewell(self, key: EndpointKey) -> bool:
+        """Whether the Master is still to be told of its end."""
+        return key in self._farewells
 
     def master_changed(self) -> None:
         """The Master that was told is gone; the next one knows nothing."""
@@ -227,8 +248,10 @@ class Registrations:
         return next((key for key in self._wanted if key not in self._told), None)
 
     def told(self, key: EndpointKey) -> None:
-        """The Master knows of a registration (or refused it for good)."""
+        """The Master knows of a registration; one taken back meanwhile is due a farewell."""
         self._told.add(key)
+        if key not in self._wanted:
+            self._farewells[key] = None
 
     def farewell_said(self, key: EndpointKey) -> None:
         """The Master knows that a registration has ended."""

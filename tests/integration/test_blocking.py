@@ -70,6 +70,8 @@ def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
         *("start", "spin", "forget_publisher", "forget_subscriber", "forget_timer", "local_peer"),
         *(
             "refresh_addresses",
+            *("master_lost", "registering", "flush_allowance", "is_closed", "has_received"),
+            *("close_sparing", "guard", "router"),
             "node_info",
             "qos_of",
             "master_changed",

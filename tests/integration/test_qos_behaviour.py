@@ -28,7 +28,7 @@ def stalled_target(publisher_node: NodeHandle, topic: str) -> Iterator[None]:
     """A subscriber whose link is accepted by its kernel and never read."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         target = ros.NodeInfo(ip="127.0.0.1", port=listener.getsockname()[1], node_name="stalled")
-        publisher_node.subscribers_known(topic, [target])
+        publisher_node._apply_targets(topic, [target])
         yield
 
 
@@ -44,7 +44,7 @@ async def test_latched_message_reaches_late_joiners(master: Master) -> None:
             publisher.publish(SensorData(sensor_id=i))
         await sink.subscribe("map", SensorData, lambda m: got.append(m.sensor_id), qos=LATCHED)
         await source.subscribe("map", SensorData, lambda m: got.append(m.sensor_id + 100))
-        source.subscribers_known("map", [ros.NodeInfo(ip="127.0.0.1", port=cpp.port)])
+        source._apply_targets("map", [ros.NodeInfo(ip="127.0.0.1", port=cpp.port)])
         await until(lambda: len(got) == 2 and len(cpp.frames) == 1)
         assert sorted(got) == [2, 102]
         assert SensorData.FromString(cpp.frames[0][2]).sensor_id == 2
@@ -200,3 +200,38 @@ async def test_manual_liveliness_follows_messages(master: Master) -> None:
         publisher.publish(SensorData())
         await until(lambda: len(events) == 2)
         assert events == [LivelinessChanged("sensor", True), LivelinessChanged("sensor", False)]
+
+
+async def test_block_counts_bytes_too(master: Master) -> None:
+    got = 0
+
+    async def slow(message: ControlCommand) -> None:
+        nonlocal got
+        await asyncio.sleep(0)
+        got += 1
+
+    async with (
+        NodeHandle("source", master=master.address) as source,
+        NodeHandle("sink", master=master.address) as sink,
+    ):
+        qos = DEFAULT.replace(overflow="block", max_bytes=1_000_000)
+        subscriber = await sink.subscribe("big", ControlCommand, slow, qos=qos)
+        publisher = await source.advertise("big", ControlCommand, qos=qos)
+        for _ in range(50):
+            await publisher.publish_async(ControlCommand(cmd="x" * 100_000))
+        await until(lambda: got == 50)
+        assert subscriber.statistics.dropped == publisher.statistics.dropped == 0
+
+
+async def test_flush_after_a_best_effort_link_broke(master: Master) -> None:
+    async with NodeHandle("source", master=master.address) as source:
+        publisher = await source.advertise("big", ControlCommand, qos=SENSOR_DATA)
+        with stalled_target(source, "big"):
+            await publisher.wait_for_subscribers(1, timeout=5)
+            while not publisher.statistics.waiting:
+                publisher.publish(MEGABYTE)
+            flushing = asyncio.create_task(publisher.flush(5))
+            await asyncio.sleep(0)
+        (link,) = publisher._links.values()
+        link._transport.abort()  # type: ignore[union-attr]
+        await flushing

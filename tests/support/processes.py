@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import signal
 import sys
@@ -37,7 +38,9 @@ class Process:
 
     async def kill(self) -> None:
         if self.process.returncode is None:
-            self.signal(signal.SIGKILL)
+            # It may have ended and been reaped, with the word of it still on its way to us.
+            with contextlib.suppress(ProcessLookupError):
+                self.signal(signal.SIGKILL)
             await self.wait()
 
 
@@ -56,7 +59,10 @@ async def python(*args: str, **environment: str) -> AsyncIterator[Process]:
         yield process
     finally:
         await process.kill()
-        await child.communicate()
+        _, errors = await child.communicate()
+        if errors:
+            # Shown by pytest when a test fails.
+            sys.stderr.write(errors.decode())
 
 
 @asynccontextmanager

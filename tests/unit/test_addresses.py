@@ -56,3 +56,37 @@ def test_further_addresses_leave_out_loopback_and_the_shown_one(
         addresses, "_interface_addresses", lambda: ["10.0.0.1", "192.168.1.1", "fd00::1"]
     )
     assert addresses.further_addresses("10.0.0.1", 9) == ("192.168.1.1:9", "[fd00::1]:9")
+
+
+@pytest.mark.parametrize(
+    ("what", "info", "under_way", "silent"),
+    [
+        ("idle", (0, 0, 0, 60_000), False, False),
+        ("just sent", (0, 0, 1, 100), True, False),
+        ("retransmitting for a while", (4, 0, 1, 6_144), True, False),
+        ("host gone", (5, 0, 1, 8_200), True, True),
+        ("reads nothing, but its kernel answers probes", (0, 0, 0, 30_000), False, False),
+        ("one probe on its way", (0, 1, 0, 30_000), True, False),
+        ("full window and host gone", (0, 4, 0, 9_000), True, True),
+    ],
+)
+def test_a_peer_that_reads_nothing_is_told_from_one_that_is_gone(
+    what: str, info: tuple[int, int, int, int], under_way: bool, silent: bool
+) -> None:
+    """Figures as the kernel gave them in both cases."""
+    state = addresses.judge_connection(*info)
+    assert (state.is_under_way, state.is_silent) == (under_way, silent), what
+
+
+def test_the_kernels_figures_are_read_where_they_stand() -> None:
+    import socket
+
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.create_connection(server.getsockname()) as near,
+        server.accept()[0] as far,
+    ):
+        near.sendall(b"hello")
+        assert far.recv(5) == b"hello"
+        state = addresses.connection_state(near)
+        assert not state.is_silent

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from simple_ros.msg.example import SensorData
@@ -21,6 +21,7 @@ class FakeSink:
     takes_batches = False
     is_direct = True
     waits = False
+    has_received = False
     qos: QosProfile = DEFAULT
 
     def __init__(self, **attributes: Any) -> None:
@@ -38,8 +39,8 @@ class FakeSink:
     def take_batch(self, messages: list[Any]) -> None:
         self.got.append([m if self.wants_bytes else m.sensor_id for m in messages])
 
-    def room(self) -> int:
-        return self.free
+    def room(self, sizes: Sequence[int]) -> int:
+        return min(self.free, len(sizes))
 
     def call_when_room(self, resume: Callable[[], None]) -> None:
         self.resume = resume
@@ -170,3 +171,41 @@ def test_memory_is_bounded_under_ever_new_names() -> None:
     assert router.bad.counts["unknown_topic"] == 5000
     assert len(router._by_link.get(LINK, {})) == 0
     assert len(router.bad._logged) <= 1000
+
+
+def test_a_waiting_sink_gets_what_fits_beside_a_sibling_that_drops() -> None:
+    waiting = FakeSink(is_direct=False, free=5, waits=True)
+    full = FakeSink(is_direct=False, free=0, qos=DEFAULT.replace(depth=10))
+    router, _, _ = make(waiting, full)
+    burst = run(*range(20))
+    assert router.receive(LINK, burst, no_resume, force=False) == 0
+    assert router.receive(LINK, burst, no_resume, force=True) == 5
+    assert waiting.got == full.got == [0, 1, 2, 3, 4]
+    rest = burst._replace(payloads=burst.payloads[5:])
+    assert router.receive(LINK, rest, no_resume, force=True) == -1
+
+
+def test_a_route_ends_with_its_last_sink_and_forgets_its_links() -> None:
+    sink = FakeSink()
+    router, _, _ = make(sink)
+    router.receive(LINK, run(1), no_resume, force=False)
+    assert router.remove("sensor", "example.SensorData", sink)
+    assert router.remove("sensor", "example.SensorData", sink)
+    assert router._routes == {}
+    assert router._by_link == {LINK: {}}
+
+
+def test_the_shortest_lease_counts_for_a_link() -> None:
+    expected: list[float] = []
+
+    class LeasedLink:
+        def expect_life_within(self, seconds: float) -> None:
+            expected.append(seconds)
+
+    router, _, _ = make(
+        FakeSink(qos=DEFAULT.replace(liveliness_lease_s=60.0)),
+        FakeSink(qos=DEFAULT.replace(liveliness_lease_s=3.0)),
+        FakeSink(),
+    )
+    router.receive(LeasedLink(), run(1), no_resume, force=False)
+    assert expected == [3.0]

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hypothesis import given
 from hypothesis import strategies as st
 
+from simple_ros.qos import LATCHED
 from simple_ros.wire.session import (
     Backoff,
     EndpointKey,
@@ -31,6 +34,15 @@ def test_targets_come_and_go() -> None:
     assert targets.apply([], [FOREIGN]).closed == [FOREIGN]
     assert targets.apply([], [FOREIGN]).closed == []
     assert targets.targets == (OURS,)
+
+
+def test_another_request_of_the_same_target_keeps_its_link() -> None:
+    targets = TargetSet()
+    targets.apply([OURS])
+    demanding = replace(OURS, qos=LATCHED)
+    changes = targets.apply([demanding])
+    assert (changes.closed, changes.opened, changes.updated) == ([], [], [demanding])
+    assert targets.targets == (demanding,)
 
 
 def test_same_address_is_the_same_target_whatever_the_name() -> None:
@@ -130,14 +142,33 @@ def test_farewell_only_if_told() -> None:
     assert (wishes.next_farewell(), wishes.is_told(B)) == (None, False)
 
 
-def test_a_wish_renewed_before_the_farewell_stays() -> None:
+def test_a_wish_renewed_before_the_farewell_is_told_after_it() -> None:
+    """Otherwise the newcomer would never be pushed its targets."""
     wishes = Registrations()
     wishes.want(A)
     wishes.told(A)
     wishes.unwant(A)
     wishes.want(A)
-    assert wishes.next_farewell() is None
-    assert wishes.is_told(A)
+    assert not wishes.is_told(A)
+    assert wishes.next_farewell() == A
+    wishes.farewell_said(A)
+    assert wishes.next_registration() == A
+
+
+def test_a_wish_taken_back_while_it_was_told_is_due_a_farewell() -> None:
+    wishes = Registrations()
+    wishes.want(A)
+    wishes.unwant(A)
+    wishes.told(A)
+    assert wishes.next_farewell() == A
+
+
+def test_what_has_changed_is_told_anew() -> None:
+    wishes = Registrations()
+    wishes.want(A)
+    wishes.told(A)
+    wishes.want_anew(A)
+    assert wishes.next_registration() == A
 
 
 def test_expectation_counts_whole_periods() -> None:
