@@ -8,15 +8,14 @@ meanwhile are skipped, never caught up in a burst.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from simple_ros.errors import ConfigError
 
 __all__ = ["TimerEvent", "TimerSchedule"]
 
 
-@dataclass(frozen=True, slots=True)
-class TimerEvent:
+class TimerEvent(NamedTuple):
     """What a timer callback is told. Times are seconds since 1970-01-01 UTC.
 
     Attributes:

@@ -35,7 +35,7 @@ _OPTIONS: list[tuple[str, Any]] = [
     ("grpc.use_local_subchannel_pool", 1),
 ]
 _KEEPALIVE: list[tuple[str, Any]] = [
-    ("grpc.keepalive_time_ms", 2000),
+    ("grpc.keepalive_time_ms", 5000),
     ("grpc.keepalive_timeout_ms", 3000),
     # Without it a silent peer is only cut after a minute, whatever the line above says.
     ("grpc.http2.ping_timeout_ms", 3000),
