@@ -19,6 +19,7 @@ from simple_ros.errors import (
     RegistrationRefused,
     SimpleRosError,
     TopicTypeMismatch,
+    TypeDefinitionConflict,
     UnknownMessageType,
 )
 from simple_ros.events import (
@@ -73,6 +74,7 @@ __all__ = [
     "TimerEvent",
     "TopicTypeMismatch",
     "TypeConflict",
+    "TypeDefinitionConflict",
     "UnknownMessageType",
 ]
 

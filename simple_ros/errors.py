@@ -14,7 +14,8 @@ Each error also inherits the builtin a caller would expect and carries its facts
     ├── MasterUnavailable      ConnectionError  nobody answers at the Master's address
     ├── RegistrationRefused    RuntimeError     the Master said no
     ├── NodeNameTaken          RuntimeError     a newer node runs under this node's name
-    └── TopicTypeMismatch      TypeError        the topic carries another message type
+    ├── TopicTypeMismatch      TypeError        the topic carries another message type
+    └── TypeDefinitionConflict TypeError        a message type is known with another definition
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ __all__ = [
     "RegistrationRefused",
     "SimpleRosError",
     "TopicTypeMismatch",
+    "TypeDefinitionConflict",
     "UnknownMessageType",
 ]
 
@@ -199,4 +201,21 @@ class TopicTypeMismatch(SimpleRosError, TypeError):
         super().__init__(
             f"topic {topic!r}: node {node_name!r} uses {msg_type}, "
             f"but {others} uses {existing_type}"
+        )
+
+
+class TypeDefinitionConflict(SimpleRosError, TypeError):
+    """A message type is known with another definition.
+
+    Attributes:
+        type_name: Full name of the message or enum that differs.
+        difference: The fields that differ, one a line: ``-`` as known, ``+`` as given.
+    """
+
+    def __init__(self, type_name: str, difference: str) -> None:
+        self.type_name = type_name
+        self.difference = difference
+        super().__init__(
+            f"{type_name} is already known with another definition "
+            f"(- as known, + as given):\n{difference}"
         )

@@ -100,6 +100,7 @@ class NodeHandle:
         self._closing: asyncio.Task[None] | None = None
         self._flush_until: float | None = None
         self._unpushed: set[str] = set()
+        self._classes: dict[str, type[Message]] = {}
 
     # -- life ----------------------------------------------------------------------------------
 
@@ -368,6 +369,8 @@ class NodeHandle:
         canonical = names.topic_name(topic)
         profile = profile_of(qos)
         msg_type, parse = _type_and_parser(message_type, raw=raw)
+        if not isinstance(message_type, str):
+            self._classes[msg_type] = message_type
         key = EndpointKey(EndpointKind.SUBSCRIBER, canonical, msg_type)
         subscriber: Subscriber[Any] = Subscriber(
             self,
@@ -522,6 +525,13 @@ class NodeHandle:
             return weakest([publisher.qos for publisher in publishers]) if publishers else None
         subscribers = self._subscribers.get(key)
         return strictest([subscriber.qos for subscriber in subscribers]) if subscribers else None
+
+    def message_class_of(self, key: EndpointKey) -> type[Message] | None:
+        """The class of a registration's messages; None for subscriptions that only want bytes."""
+        publishers = self._publishers.get(key)
+        if key.kind is EndpointKind.PUBLISHER and publishers:
+            return publishers[0].message_class
+        return self._classes.get(key.msg_type)
 
     def master_changed(self) -> None:
         """A Master that knows nothing is about to be told everything."""

@@ -15,6 +15,7 @@ from collections.abc import AsyncIterator, Coroutine, Iterable
 from typing import Any, Protocol
 
 import grpc
+from google.protobuf.message import Message
 
 from simple_ros.errors import (
     HandleClosed,
@@ -25,7 +26,7 @@ from simple_ros.errors import (
     TopicTypeMismatch,
 )
 from simple_ros.net.addresses import join_address
-from simple_ros.net.master_client import LeaseStream, MasterClient
+from simple_ros.net.master_client import ForeignMaster, LeaseStream, MasterClient
 from simple_ros.qos import QosProfile
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import methods
@@ -38,6 +39,7 @@ __all__ = ["Registrar", "RegistrarHost"]
 logger = logging.getLogger(__name__)
 
 _PIPELINED = 64
+_SHIPPED = "simple_ros/msg/"
 _FOREIGN_PUSH_S = 1.0
 _FOREIGN_SPACING_S = 0.02
 _SAY_WAITING_AFTER_S = 1.0
@@ -49,6 +51,9 @@ class RegistrarHost(Protocol):
     """The node, as its registrar sees it."""
 
     name: str
+
+    def message_class_of(self, key: EndpointKey) -> type[Message] | None:
+        """The class of a registration's messages; None for subscriptions that only want bytes."""
 
     async def refresh_addresses(self) -> None:
         """Find out anew how peers reach this node: robots roam."""
@@ -97,6 +102,7 @@ class Registrar:
         self._contact = asyncio.Event()
         self._push_ended: dict[str, asyncio.Event] = {}
         self._said: dict[EndpointKey, asyncio.Event] = {}
+        self._declared: set[str] = set()
         self._ended = False
         self._idle = asyncio.Event()
         self._lease: LeaseStream | None = None
@@ -221,6 +227,7 @@ class Registrar:
     def _met(self, *, foreign: bool) -> None:
         self.is_foreign = foreign
         self._registrations.master_changed()
+        self._declared.clear()
         self._host.master_changed()
         self._contact.set()
 
@@ -265,6 +272,7 @@ class Registrar:
 
     async def _tell(self, key: EndpointKey) -> Exception | None:
         """Register; return why the Master refused, if it did."""
+        await self._declare(key)
         self._host.registering(key.topic)
         fields: dict[str, Any] = {
             "topic_name": key.topic,
@@ -285,6 +293,17 @@ class Registrar:
             response = await self.client.call(methods.SUBSCRIBE, ros.SubscribeRequest(**fields))
             self._registrations.told(key)
         return self._refusal(key, response)
+
+    async def _declare(self, key: EndpointKey) -> None:
+        """Give the Master the definition of a type of the user's, once in its life."""
+        message_class = self._host.message_class_of(key)
+        if message_class is None or key.msg_type in self._declared or self.is_foreign:
+            return
+        if not message_class.DESCRIPTOR.file.name.startswith(_SHIPPED):
+            # A Master of ours that is older has no such call; its tools know fewer types.
+            with contextlib.suppress(ForeignMaster):
+                await self.client.declare_type(message_class)
+        self._declared.add(key.msg_type)
 
     def _refusal(
         self, key: EndpointKey, response: ros.SubscribeResponse | ros.RegisterPublisherResponse

@@ -192,6 +192,10 @@ class MessageGraph:
         """The types a topic is used with, the one that was there first in front."""
         return tuple(self._topics.get(topic, ()))
 
+    def types_in_use(self) -> set[str]:
+        """Every message type that some topic is used with."""
+        return {msg_type for types in self._topics.values() for msg_type in types}
+
     def topics(self) -> Iterator[TopicKey]:
         """Every topic once, by name, with the first of its types."""
         for topic in sorted(self._topics):

@@ -16,7 +16,7 @@ from google.protobuf.message import Message
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import methods
 from simple_ros.rpc.methods import Method
-from simple_ros_master import queries
+from simple_ros_master import queries, type_registry
 from simple_ros_master.leases import Mailbox
 from simple_ros_master.peers import Effect
 from simple_ros_master.switchboard import Switchboard
@@ -46,6 +46,10 @@ def generic_handlers(board: Switchboard) -> list[grpc.GenericRpcHandler]:
         _stream(methods.LEASE, grpc.stream_stream_rpc_method_handler, partial(_lease, board)),
         _stream(methods.WATCH_GRAPH, grpc.unary_stream_rpc_method_handler, partial(_watch, board)),
         _answer(methods.EXPORT_GRAPH, partial(_export, board)),
+        _answer(
+            methods.DECLARE_TYPE, partial(type_registry.declare_type, board.types, directory.graph)
+        ),
+        _answer(methods.GET_TYPE, partial(type_registry.get_type, board.types)),
     ]
     return [
         grpc.method_handlers_generic_handler(methods.ROS_RPC_SERVICE, dict(ros_rpc)),

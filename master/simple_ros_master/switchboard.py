@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from simple_ros.graph import ChangeKind, GraphChange
+from simple_ros.msg.definitions import TypeStore
 from simple_ros_master.directory import Directory
 from simple_ros_master.feed import ChangeLog, Feed
 from simple_ros_master.leases import LeaseDesk
@@ -32,6 +33,7 @@ class Switchboard:
 
     def __init__(self, master_id: str, master_version: str) -> None:
         self.directory = Directory(master_id, master_version)
+        self.types = TypeStore()
         self.desk = LeaseDesk()
         self._log = ChangeLog(self.directory.graph)
         self._pool = PushPool(self.directory.resync, self._address_dead)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from simple_ros.cli import demo, graph
+from simple_ros.cli import demo, graph, msg
 from simple_ros.cli.plugins import Nouns
 from simple_ros.errors import SimpleRosError
 
@@ -23,6 +23,7 @@ app = typer.Typer(
 )
 app.command("demo")(demo.command)
 app.command("graph")(graph.command)
+app.add_typer(msg.app, name="msg")
 
 
 def _show_version(wanted: bool) -> None:

@@ -10,8 +10,15 @@ from typing import Any, Self, TypeVar
 import grpc
 from google.protobuf.message import Message
 
-from simple_ros.errors import MasterUnavailable, NodeNameTaken, SimpleRosError
+from simple_ros.errors import (
+    MasterUnavailable,
+    NodeNameTaken,
+    SimpleRosError,
+    TypeDefinitionConflict,
+)
 from simple_ros.graph import GraphChange, GraphSnapshot
+from simple_ros.msg.definitions import definition_of, message_class
+from simple_ros.msg.registry import MsgFactory
 from simple_ros.net.addresses import join_address, master_address
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import methods
@@ -214,6 +221,38 @@ class MasterClient:
         """
         request = master.ExportGraphRequest(format=format)
         return (await self.call(methods.EXPORT_GRAPH, request)).text
+
+    async def declare_type(self, message_class: type[Message]) -> None:
+        """Give the Master the definition of a message type, for tools that have never seen it.
+
+        Raises:
+            TypeDefinitionConflict: It knows the type with another definition.
+            ForeignMaster: It is a C++ Master.
+        """
+        request = master.DeclareTypeRequest(
+            type_name=message_class.DESCRIPTOR.full_name, files=definition_of(message_class)
+        )
+        answer = await self.call(methods.DECLARE_TYPE, request)
+        if not answer.success:
+            raise TypeDefinitionConflict(answer.conflicting_type, answer.difference)
+
+    async def message_class(self, type_name: str) -> type[Message]:
+        """The class of a message type: as known in this process, else as some node declared it.
+
+        Raises:
+            UnknownMessageType: Neither knows it.
+        """
+        factory = MsgFactory.instance()
+        known = factory.find_class(type_name)
+        if known is not None:
+            return known
+        try:
+            answer = await self.call(methods.GET_TYPE, master.GetTypeRequest(type_name=type_name))
+        except ForeignMaster:
+            return factory.get_class(type_name)
+        if not answer.known:
+            return factory.get_class(type_name)
+        return message_class(answer.files, type_name)
 
     async def watch_graph(self) -> AsyncIterator[GraphSnapshot | GraphChange]:
         """The whole graph, then each change as it happens.

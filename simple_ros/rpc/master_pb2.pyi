@@ -7,6 +7,7 @@ talks to a C++ Master.
 
 from collections import abc as _abc
 from google.protobuf import descriptor as _descriptor
+from google.protobuf import descriptor_pb2 as _descriptor_pb2
 from google.protobuf import message as _message
 from google.protobuf.internal import containers as _containers
 from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
@@ -437,3 +438,97 @@ class ExportGraphResponse(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___ExportGraphResponse: _TypeAlias = ExportGraphResponse  # noqa: Y015
+
+@_typing.final
+class DeclareTypeRequest(_message.Message):
+    """A message type that a node brings, with every file its definition needs."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TYPE_NAME_FIELD_NUMBER: _builtins.int
+    FILES_FIELD_NUMBER: _builtins.int
+    type_name: _builtins.str
+    @_builtins.property
+    def files(self) -> _descriptor_pb2.FileDescriptorSet: ...
+    def __init__(
+        self,
+        *,
+        type_name: _builtins.str = ...,
+        files: _descriptor_pb2.FileDescriptorSet | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["files", b"files"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["files", b"files", "type_name", b"type_name"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___DeclareTypeRequest: _TypeAlias = DeclareTypeRequest  # noqa: Y015
+
+@_typing.final
+class DeclareTypeResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SUCCESS_FIELD_NUMBER: _builtins.int
+    CONFLICTING_TYPE_FIELD_NUMBER: _builtins.int
+    DIFFERENCE_FIELD_NUMBER: _builtins.int
+    success: _builtins.bool
+    conflicting_type: _builtins.str
+    """what is known with another definition: it, or a part of it"""
+    difference: _builtins.str
+    """the fields that differ, "-" as known, "+" as given"""
+    def __init__(
+        self,
+        *,
+        success: _builtins.bool = ...,
+        conflicting_type: _builtins.str = ...,
+        difference: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["conflicting_type", b"conflicting_type", "difference", b"difference", "success", b"success"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___DeclareTypeResponse: _TypeAlias = DeclareTypeResponse  # noqa: Y015
+
+@_typing.final
+class GetTypeRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TYPE_NAME_FIELD_NUMBER: _builtins.int
+    type_name: _builtins.str
+    def __init__(
+        self,
+        *,
+        type_name: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["type_name", b"type_name"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetTypeRequest: _TypeAlias = GetTypeRequest  # noqa: Y015
+
+@_typing.final
+class GetTypeResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KNOWN_FIELD_NUMBER: _builtins.int
+    FILES_FIELD_NUMBER: _builtins.int
+    known: _builtins.bool
+    @_builtins.property
+    def files(self) -> _descriptor_pb2.FileDescriptorSet: ...
+    def __init__(
+        self,
+        *,
+        known: _builtins.bool = ...,
+        files: _descriptor_pb2.FileDescriptorSet | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["files", b"files"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["files", b"files", "known", b"known"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetTypeResponse: _TypeAlias = GetTypeResponse  # noqa: Y015

@@ -15,11 +15,13 @@ from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import ros_rpc_pb2 as ros
 
 __all__ = [
+    "DECLARE_TYPE",
     "EXPORT_GRAPH",
     "GET_NODES",
     "GET_NODE_INFO",
     "GET_TOPICS",
     "GET_TOPIC_INFO",
+    "GET_TYPE",
     "LEASE",
     "MASTER_SERVICE",
     "REGISTER_PUBLISHER",
@@ -87,3 +89,7 @@ WATCH_GRAPH = Method(MASTER_SERVICE, "WatchGraph", master.WatchGraphRequest, mas
 EXPORT_GRAPH = Method(
     MASTER_SERVICE, "ExportGraph", master.ExportGraphRequest, master.ExportGraphResponse
 )
+DECLARE_TYPE = Method(
+    MASTER_SERVICE, "DeclareType", master.DeclareTypeRequest, master.DeclareTypeResponse
+)
+GET_TYPE = Method(MASTER_SERVICE, "GetType", master.GetTypeRequest, master.GetTypeResponse)
