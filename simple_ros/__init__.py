@@ -1,10 +1,12 @@
 """simple_ros: robot middleware in pure Python that treats the wireless link as part of the robot.
 
-The asyncio face (nodes, publishers, subscribers, timers) is `simple_ros.aio`; messages are in
-`simple_ros.msg`. Here are the values and errors that both share.
+Two faces of one implementation: the blocking one is here (`SystemManager`, `NodeHandle`), the asyncio
+one is `simple_ros.aio`. Messages are in `simple_ros.msg`.
 """
 
 import os
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from simple_ros.errors import (
     AddressInUse,
@@ -42,6 +44,12 @@ from simple_ros.qos import (
 )
 from simple_ros.schedule import TimerEvent
 
+if TYPE_CHECKING:
+    from simple_ros.blocking import Publisher, Subscriber, Timer
+    from simple_ros.message_queue import CallbackGroup, MessageQueue
+    from simple_ros.rpc_client import RosRpcClient
+    from simple_ros.system_manager import NodeHandle, SystemManager
+
 # gRPC's core writes connection events to stderr; they are ours to report.
 os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
 
@@ -50,6 +58,7 @@ __all__ = [
     "LATCHED",
     "SENSOR_DATA",
     "AddressInUse",
+    "CallbackGroup",
     "ConfigError",
     "DeadlineMissed",
     "Durability",
@@ -62,15 +71,22 @@ __all__ = [
     "Liveliness",
     "LivelinessChanged",
     "MasterUnavailable",
+    "MessageQueue",
     "MessageTooLarge",
     "MsgFactory",
+    "NodeHandle",
     "NodeNameTaken",
+    "Publisher",
     "QosEvent",
     "QosProfile",
     "QueueFull",
     "RegistrationRefused",
     "Reliability",
+    "RosRpcClient",
     "SimpleRosError",
+    "Subscriber",
+    "SystemManager",
+    "Timer",
     "TimerEvent",
     "TopicTypeMismatch",
     "TypeConflict",
@@ -79,10 +95,25 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> str:
-    if name == "__version__":
-        # Reading the distribution's metadata takes longer than everything else here.
-        from importlib.metadata import version
+_LAZY = {
+    "CallbackGroup": "simple_ros.message_queue",
+    "MessageQueue": "simple_ros.message_queue",
+    "NodeHandle": "simple_ros.system_manager",
+    "Publisher": "simple_ros.blocking",
+    "RosRpcClient": "simple_ros.rpc_client",
+    "Subscriber": "simple_ros.blocking",
+    "SystemManager": "simple_ros.system_manager",
+    "Timer": "simple_ros.blocking",
+}
 
-        return version("simple-ros")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+def __getattr__(name: str) -> Any:
+    # What most programs do not need, and what takes long to import, is imported when it is named.
+    if name in _LAZY:
+        found = getattr(import_module(_LAZY[name]), name)
+    elif name == "__version__":
+        found = import_module("importlib.metadata").version("simple-ros")
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = found
+    return found

@@ -24,7 +24,7 @@ ALONE = {
         "node_removed: visitor",
     ],
 }
-TOGETHER = {"talker.py", "listener.py"}
+TOGETHER = {"talker.py", "listener.py", "blocking_talker.py", "blocking_listener.py"}
 
 
 def test_no_example_is_left_out() -> None:
@@ -39,11 +39,12 @@ async def test_example(master: Master, name: str) -> None:
         assert await process.wait() == 0
 
 
-async def test_talker_and_listener(master: Master) -> None:
+@pytest.mark.parametrize("face", ["", "blocking_"])
+async def test_talker_and_listener(master: Master, face: str) -> None:
     where = {"SIMPLE_ROS_MASTER": master.address}
     async with (
-        python(str(EXAMPLES / "listener.py"), **where) as listener,
-        python(str(EXAMPLES / "talker.py"), **where) as talker,
+        python(str(EXAMPLES / f"{face}listener.py"), **where) as listener,
+        python(str(EXAMPLES / f"{face}talker.py"), **where) as talker,
     ):
         for _ in range(3):
             assert (await listener.line()).startswith("heard: hello ")
