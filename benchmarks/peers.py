@@ -3,6 +3,7 @@
 ``python peers.py KIND ROLE ...`` with KIND one of
 
 * ``ours``: simple_ros nodes over a Master at ``--master``;
+* ``blocking``: the same through the blocking face, callbacks in the thread that spins;
 * ``bare``: the plainest asyncio program that does the same work, an `asyncio.Protocol` on each side,
   4-byte length prefix, one ``transport.write`` per message, the same protobuf parse and callback;
 * ``tuned``: the same program with coalesced writes and `asyncio.BufferedProtocol`: what asyncio
@@ -227,9 +228,46 @@ async def our_send(args: argparse.Namespace) -> None:
         await asyncio.sleep(0.2)
 
 
+def blocking_receive(args: argparse.Namespace, sink: Sink) -> None:
+    from simple_ros import NodeHandle, SystemManager
+    from simple_ros.qos import DEFAULT
+
+    system = SystemManager.instance()
+    system.init(f"sink{args.index}", master=args.master)
+    NodeHandle().subscribe(
+        "bench", Twist, sink.callback, qos=DEFAULT.replace(overflow="block", depth=10_000)
+    )
+    print(json.dumps({"ready": NodeHandle().port}), flush=True)
+    while not sink.done.is_set():
+        system.spin_once(1.0)
+    system.shutdown()
+
+
+def blocking_send(args: argparse.Namespace) -> None:
+    from simple_ros import NodeHandle, SystemManager
+    from simple_ros.qos import DEFAULT
+
+    system = SystemManager.instance()
+    system.init("source", master=args.master)
+    qos = DEFAULT.replace(overflow="block", depth=1000)
+    publisher = NodeHandle().advertise("bench", Twist, qos=qos)
+    publisher.wait_for_subscribers(args.subscribers, timeout=10)
+    twist = message()
+    due = time.monotonic()
+    for _ in range(args.count):
+        if args.rate:
+            due += 1 / args.rate
+            time.sleep(max(0.0, due - time.monotonic()))
+            twist.angular.z = time.monotonic()
+        publisher.publish(twist)
+    publisher.flush(30)
+    time.sleep(0.2)
+    system.shutdown()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("kind", choices=["ours", "bare", "tuned"])
+    parser.add_argument("kind", choices=["ours", "blocking", "bare", "tuned"])
     parser.add_argument("role", choices=["send", "receive"])
     parser.add_argument("--count", type=int, default=100_000)
     parser.add_argument("--rate", type=float, default=0.0)
@@ -238,6 +276,15 @@ def main() -> None:
     parser.add_argument("--index", type=int, default=0)
     parser.add_argument("--subscribers", type=int, default=1)
     args = parser.parse_args()
+
+    if args.kind == "blocking":
+        if args.role == "send":
+            blocking_send(args)
+        else:
+            sink = Sink(args.count, bool(args.rate))
+            blocking_receive(args, sink)
+            print(json.dumps(sink.report()), flush=True)
+        return
 
     async def run() -> None:
         if args.role == "send":

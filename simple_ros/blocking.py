@@ -212,6 +212,11 @@ class Subscriber(Generic[AnyT]):
         """The subscription that feeds this one (called by the node)."""
         self._subscriber = subscriber
 
+    def tell_room(self) -> None:
+        """Messages were taken from the queue (called by it, in whichever thread)."""
+        if self._live.is_waited_for:
+            self._loop.call_soon(self._live.room_made)
+
     @property
     def _live(self) -> AsyncSubscriber[AnyT]:
         assert self._subscriber is not None
@@ -465,9 +470,12 @@ class BlockingNode:
         queue = self._executor.queue
         token = None
         deliver: Callable[[list[Any]], None] | None = None
+        room: Callable[[], int] | None = None
         if callback is not None:
             token = queue.add_subscriber(topic, callback, depth=profile_of(qos).depth, group=group)
             deliver = _delivery(queue.deliver, token)
+            if profile_of(qos).overflow == "block":
+                room = token.room
         subscriber: Subscriber[Any] = Subscriber(self._loop, self._executor, token)
         try:
             subscriber.attach(
@@ -479,9 +487,12 @@ class BlockingNode:
                         qos=qos,
                         on_event=self._handed(on_event),
                         raw=raw,
+                        room=room,
                     )
                 )
             )
+            if token is not None and room is not None:
+                token.on_room = subscriber.tell_room
         except BaseException:
             if token is not None:
                 queue.remove_subscriber(token)

@@ -74,6 +74,10 @@ class Token:
         """Messages that may wait."""
         return self.waiting.maxlen or 1
 
+    def room(self) -> int:
+        """Messages that can be put with none given up. May be asked from any thread."""
+        return self.depth - len(self.waiting)
+
     def resize(self, depth: int) -> None:
         """Let ``depth`` messages wait from now on; the oldest beyond are given up."""
         self.dropped += max(0, len(self.waiting) - depth)

@@ -348,10 +348,22 @@ class NodeHandle:
         qos: QosProfile | int = DEFAULT,
         on_event: QosEventCallback | None = None,
         raw: bool = False,
+        room: Callable[[], int] | None = None,
     ) -> Subscriber[Any]:
-        """As `subscribe`, with a plain callback that is given a list: all that one read brought."""
+        """As `subscribe`, with a plain callback that is given a list: all that one read brought.
+
+        ``room`` tells how many messages the callback can take now, if that is limited; the subscription
+        is told by `Subscriber.room_made` when it is more again.
+        """
         return await self._subscribe(
-            topic, message_type, callback, qos, on_event, raw=raw, batches=callback is not None
+            topic,
+            message_type,
+            callback,
+            qos,
+            on_event,
+            raw=raw,
+            batches=callback is not None,
+            room=room,
         )
 
     async def _subscribe(
@@ -364,6 +376,7 @@ class NodeHandle:
         *,
         raw: bool,
         batches: bool = False,
+        room: Callable[[], int] | None = None,
     ) -> Subscriber[Any]:
         registrar = self._live_registrar()
         canonical = names.topic_name(topic)
@@ -381,6 +394,7 @@ class NodeHandle:
             on_event,
             wants_bytes=raw,
             takes_batches=batches,
+            room_elsewhere=room,
         )
         # Listening comes before registering: messages may arrive before the Master's answer.
         subscriber.route = self.router.add(canonical, msg_type, parse, subscriber)

@@ -83,6 +83,7 @@ class Subscriber(Generic[MessageT]):
         *,
         wants_bytes: bool,
         takes_batches: bool = False,
+        room_elsewhere: Callable[[], int] | None = None,
     ) -> None:
         self.topic = topic
         self.msg_type = msg_type
@@ -104,7 +105,8 @@ class Subscriber(Generic[MessageT]):
         self.take = self._chosen_take(callback)
         self._watchdogs = self._made_watchdogs()
         self._alive = False
-        self.is_direct = self.take == self._call_directly
+        self.is_direct = self.take == self._call_directly and room_elsewhere is None
+        self._room_elsewhere = room_elsewhere
         self.waits = qos.overflow == "block"
         self._waiting: list[Callable[[], None]] = []
         if self._watchdogs:
@@ -188,6 +190,8 @@ class Subscriber(Generic[MessageT]):
 
     def room(self, sizes: Sequence[int]) -> int:
         """How many of the next messages, of so many bytes, fit the queue now (asked by the router)."""
+        if self._room_elsewhere is not None:
+            return min(len(sizes), max(0, self._room_elsewhere()))
         queue = self._queue
         count = min(self.qos.depth - len(queue), len(sizes))
         space = self.qos.max_bytes - queue.size_bytes
@@ -204,6 +208,19 @@ class Subscriber(Generic[MessageT]):
     def call_when_room(self, resume: Callable[[], None]) -> None:
         """Call once, when there is room again (asked by the router)."""
         self._waiting.append(resume)
+        if self._room_elsewhere is not None and self._room_elsewhere() > 0:
+            # The other thread made room before it could see that somebody waits.
+            self._wake_waiting()
+
+    @property
+    def is_waited_for(self) -> bool:
+        """Whether a link waits for room. May be asked from another thread."""
+        return bool(self._waiting)
+
+    def room_made(self) -> None:
+        """There is room elsewhere again."""
+        if self._waiting:
+            self._wake_waiting()
 
     def _wake_waiting(self) -> None:
         waiting, self._waiting = self._waiting, []

@@ -71,7 +71,7 @@ def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
         *(
             "refresh_addresses",
             *("master_lost", "registering", "flush_allowance", "is_closed", "has_received"),
-            *("close_sparing", "guard", "router"),
+            *("close_sparing", "guard", "router", "is_waited_for", "room_made", "message_class_of"),
             "node_info",
             "qos_of",
             "master_changed",
@@ -241,6 +241,23 @@ def test_block_waits_in_the_callers_thread_and_loses_nothing(system: SystemManag
         assert subscriber.receive(timeout=10).sensor_id == i
     sender.join(5)
     assert publisher.statistics.dropped == 0
+
+
+def test_a_blocking_subscription_with_callback_loses_nothing(system: SystemManager) -> None:
+    node = NodeHandle()
+    qos = DEFAULT.replace(depth=10, overflow="block")
+    other = NodeHandle("other", master=system.get_poll_manager().master)
+    got: list[int] = []
+    subscriber = other.subscribe("sensor", SensorData, lambda m: got.append(m.sensor_id), qos=qos)
+    publisher = node.advertise("sensor", SensorData, qos=qos)
+    sender = threading.Thread(
+        target=lambda: [publisher.publish(SensorData(sensor_id=i)) for i in range(5000)]
+    )
+    sender.start()
+    spin_until(system, lambda: len(got) == 5000)
+    sender.join(5)
+    assert got == list(range(5000))
+    assert subscriber.statistics.dropped == publisher.statistics.dropped == 0
 
 
 def test_several_threads_keep_exclusive_groups_apart(system: SystemManager) -> None:
