@@ -1,6 +1,7 @@
 """All measurements of the core, in one command: ``python benchmarks/run.py [NAME ...]``.
 
 ``small``    small messages flat out, zero loss: ours beside bare asyncio programs, interleaved
+``blocking`` the same through the blocking face, beside the asyncio face
 ``latency``  one-way latency at 1 kHz, the same way
 ``scale``    200 nodes and 2,000 topics on one Master
 ``rest``     CPU of an idle node and of a 100 Hz publisher, user+system of the whole process, 60 s
@@ -42,6 +43,16 @@ def small(runs: int) -> dict[str, Any]:
         f"  ours / stock C++ (900/s)    {times:.0f}   bar: >= 100",
     ]
     return {"table": table, "rates": rates, "ratios": ratios, "times_stock_cpp": times}
+
+
+def blocking(runs: int) -> dict[str, Any]:
+    kinds = ["ours", "blocking"]
+    results = harness.interleaved(kinds, runs, count=300_000)
+    rates = {kind: harness.median(results[kind], "per_second") for kind in kinds}
+    ratio = harness.paired_ratio(results["blocking"], results["ours"], "per_second")
+    table = [f"  {kind:<10}{rates[kind]:>12,.0f} msg/s" for kind in kinds]
+    table.append(f"  blocking / asyncio face     {_shown(ratio)}   bar: >= 0.7")
+    return {"table": table, "rates": rates, "ratio": ratio}
 
 
 def latency(runs: int) -> dict[str, Any]:
@@ -107,7 +118,13 @@ def at_rest(runs: int) -> dict[str, Any]:
     return {"table": table, **merged}
 
 
-BENCHMARKS = {"small": small, "latency": latency, "scale": scaled, "rest": at_rest}
+BENCHMARKS = {
+    "small": small,
+    "blocking": blocking,
+    "latency": latency,
+    "scale": scaled,
+    "rest": at_rest,
+}
 
 
 def main() -> None:

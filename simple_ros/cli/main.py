@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from simple_ros.cli import demo, graph, msg
+from simple_ros.cli import demo, graph, msg, node, topic
 from simple_ros.cli.plugins import Nouns
 from simple_ros.errors import SimpleRosError
 
@@ -23,6 +23,8 @@ app = typer.Typer(
 )
 app.command("demo")(demo.command)
 app.command("graph")(graph.command)
+app.add_typer(node.app, name="node")
+app.add_typer(topic.app, name="topic")
 app.add_typer(msg.app, name="msg")
 
 
