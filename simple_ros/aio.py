@@ -22,6 +22,7 @@ import threading
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
+from simple_ros.errors import NodeNameTaken
 from simple_ros.net.master_client import MasterClient
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher, PublisherStatistics
@@ -50,9 +51,16 @@ def run(main: Coroutine[Any, Any, Result]) -> Result | None:
     On SIGINT or SIGTERM ``main`` is cancelled, so that its ``async with`` blocks say goodbye, and
     None is returned. A second signal while it does changes nothing. (Signals only reach a program's
     main thread; elsewhere this only runs ``main``.)
+
+    Raises:
+        SystemExit: A newer node took this one's name and ``main`` let that pass: the program ends with
+            one line that says so, and exit code 1.
     """
-    with asyncio.Runner() as runner:
-        return runner.run(_until_signal(main))
+    try:
+        with asyncio.Runner() as runner:
+            return runner.run(_until_signal(main))
+    except NodeNameTaken as taken:
+        raise SystemExit(str(taken)) from None
 
 
 async def _until_signal(main: Coroutine[Any, Any, Result]) -> Result | None:

@@ -466,12 +466,18 @@ async def _first_of(*coroutines: Coroutine[Any, Any, None]) -> None:
 
 @contextlib.asynccontextmanager
 async def _said_when_slow(address: str) -> AsyncIterator[None]:
-    """Log once if what is inside takes long."""
-    loop = asyncio.get_running_loop()
-    handle = loop.call_later(
-        _SAY_WAITING_AFTER_S, logger.warning, "waiting for a Master at %s", address
-    )
+    """Log once if what is inside takes long, and once more when it is done after all."""
+    said = False
+
+    def say() -> None:
+        nonlocal said
+        said = True
+        logger.warning("waiting for a Master at %s", address)
+
+    handle = asyncio.get_running_loop().call_later(_SAY_WAITING_AFTER_S, say)
     try:
         yield
     finally:
         handle.cancel()
+    if said:
+        logger.warning("found the Master at %s", address)

@@ -8,7 +8,7 @@ from simple_ros_master.cli import PROGRAM, command
 def main() -> None:
     """Run ``simple-ros-master``."""
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    app.command()(command)
+    app.command(context_settings={"help_option_names": ["-h", "--help"]})(command)
     app(prog_name=PROGRAM)
 
 

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
 import grpc
-from google.protobuf.message import Message
+from google.protobuf.message import DecodeError, Message
 
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import methods
@@ -60,9 +60,16 @@ def generic_handlers(board: Switchboard) -> list[grpc.GenericRpcHandler]:
 def _stream(
     method: Method[Request, Response], kind: Callable[..., Handler], behaviour: Callable[..., Any]
 ) -> tuple[str, Handler]:
+    def parse(data: bytes) -> Request | None:
+        try:
+            return method.request.FromString(data)
+        except DecodeError:
+            # gRPC would log a traceback for each; the caller is told by the handler.
+            return None
+
     return method.name, kind(
         behaviour,
-        request_deserializer=method.request.FromString,
+        request_deserializer=parse,
         response_serializer=method.response.SerializeToString,
     )
 
@@ -70,7 +77,9 @@ def _stream(
 def _answer(
     method: Method[Request, Response], answer: Callable[[Request], Response | None]
 ) -> tuple[str, Handler]:
-    async def handle(request: Request, context: Context) -> Response:
+    async def handle(request: Request | None, context: Context) -> Response:
+        if request is None:
+            await context.abort(grpc.StatusCode.INVALID_ARGUMENT, f"no {method.request.__name__}")
         response = answer(request)
         if response is None:
             await context.abort(grpc.StatusCode.NOT_FOUND, "Topic not found")
@@ -93,10 +102,10 @@ def _change(
 
 
 async def _lease(
-    board: Switchboard, requests: AsyncIterator[master.LeaseRequest], context: Context
+    board: Switchboard, requests: AsyncIterator[master.LeaseRequest | None], context: Context
 ) -> None:
-    first = await anext(requests, master.LeaseRequest())
-    if not first.HasField("open"):
+    first = await anext(requests, None)
+    if first is None or not first.HasField("open"):
         await context.abort(grpc.StatusCode.INVALID_ARGUMENT, "the first message opens a lease")
     box = board.desk.open()
     hearing = asyncio.create_task(_hear(requests, box))
@@ -113,10 +122,10 @@ async def _lease(
         await context.abort(grpc.StatusCode.INVALID_ARGUMENT, box.error)
 
 
-async def _hear(requests: AsyncIterator[master.LeaseRequest], box: Mailbox) -> None:
+async def _hear(requests: AsyncIterator[master.LeaseRequest | None], box: Mailbox) -> None:
     try:
         async for request in requests:
-            if request.HasField("release"):
+            if request is None or request.HasField("release"):
                 return
     finally:
         box.end()

@@ -44,8 +44,10 @@ def split_address(address: str, default_port: int | None = None) -> tuple[str, i
     if not colon or text.endswith("]") or (":" in host and not host.startswith("[")):
         host, port = text, "" if default_port is None else str(default_port)
     host = host.removeprefix("[").removesuffix("]")
-    if not host or not port.isdigit() or not 0 <= int(port) <= 65535:
+    if not host or not port.isdigit():
         raise ConfigError(f"{address!r} is not an address; write host:port or [v6]:port")
+    if int(port) > 65535:
+        raise ConfigError(f"{address!r} is not an address host:port: ports end at 65535")
     return host, int(port)
 
 

@@ -170,3 +170,17 @@ async def test_a_master_stops_twice_and_starts_once():
     await master.stop()
     await master.stop()
     assert len(master.graph) == 0
+
+
+async def test_a_malformed_request_is_answered_and_floods_no_log(
+    master: Master, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with grpc.aio.insecure_channel(master.address) as channel:
+        for path in ("/simple_ros.RosRpcService/Subscribe", "/simple_ros.MasterService/GetType"):
+            with pytest.raises(grpc.aio.AioRpcError) as caught:
+                await channel.unary_unary(path)(b"\xff\xff\xff")
+            assert caught.value.code() is grpc.StatusCode.INVALID_ARGUMENT
+        lease = channel.stream_stream("/simple_ros.MasterService/Lease")()
+        await lease.write(b"\xff\xff\xff")
+        assert await lease.code() is grpc.StatusCode.INVALID_ARGUMENT
+    assert "Traceback" not in caplog.text

@@ -65,6 +65,7 @@ async def test_a_node_started_first_waits_for_the_master(caplog: pytest.LogCaptu
         async with Master(host="127.0.0.1", port=port) as master:
             publisher = await asyncio.wait_for(advertising, 5)
             assert publisher.topic == "sensor"
+            assert "found the Master at" in caplog.text
             async with MasterClient(master.address) as client:
                 (info,) = await client.get_nodes("early")
                 assert (info.ip, info.port) == ("127.0.0.1", node.port)
@@ -236,6 +237,17 @@ async def test_signals_end_a_node_quietly_within_a_second(
         assert loop.time() - begun < 1.0
         assert await talker.errors() == ""
         assert "talker" not in [node.name for node in master.graph.snapshot().nodes]
+
+
+async def test_a_program_that_loses_its_name_ends_with_one_line(master: Master) -> None:
+    async with program(TALKER, master=master.address) as talker:
+        assert await talker.line() == "ready"
+        async with NodeHandle("talker", master=master.address) as newer:
+            await newer.wait_for_master(5)
+            assert await talker.wait() == 1
+            errors = await talker.errors()
+        assert "Traceback" not in errors
+        assert errors.rstrip().endswith(f"taken over by a newer node at 127.0.0.1:{newer.port}")
 
 
 async def test_a_signal_ends_a_node_that_waits_for_a_master() -> None:
