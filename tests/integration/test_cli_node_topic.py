@@ -270,7 +270,8 @@ class TestTopic:
     async def test_unknown_types_can_be_measured_and_not_shown(
         self, master: Master, node: NodeHandle
     ) -> None:
-        info = ros.NodeInfo(node_name="robot", ip="127.0.0.1", port=node.port)
+        # Another name than the fixture's, which it would take over.
+        info = ros.NodeInfo(node_name="foreign_robot", ip="127.0.0.1", port=node.port)
         await register(master, info)
         command = ("things", "--master", master.address)
         expected = "error: topic 'things' carries their_msgs.Thing, a type that is unknown here\n"
