@@ -88,7 +88,8 @@ class NodeHandle:
         self._fixed_ip = ip
         self._further: tuple[str, ...] = ()
         self._wanted_port = port
-        self._server = NodeServer(self.router, max_message_bytes)
+        self._max_message_bytes = max_message_bytes
+        self._server: NodeServer | None = None
         self._registrar: Registrar | None = None
         self._publishers: dict[EndpointKey, list[Publisher[Any]]] = {}
         self._subscribers: dict[EndpointKey, list[Subscriber[Any]]] = {}
@@ -121,6 +122,7 @@ class NodeHandle:
             # Never because the way to the Master could not be found: it may be found later.
             local = is_loopback(self._fixed_ip or split_address(self.master)[0])
             hosts = (self.ip,) if local else ("0.0.0.0", "::")
+            self._server = NodeServer(self.router, self._max_message_bytes)
             await self._server.start(hosts, self._wanted_port)
             if self.is_closed:
                 await self._server.close()
@@ -153,7 +155,8 @@ class NodeHandle:
                 await self._registrar.close()
         finally:
             self._abandon(caller)
-            await self._server.close()
+            if self._server is not None:
+                await self._server.close()
             _nodes.pop(self.instance_id, None)
             self._ended.set()
 
@@ -219,7 +222,7 @@ class NodeHandle:
     @property
     def port(self) -> int:
         """The port the node listens on; 0 before it is started."""
-        return self._server.port
+        return self._server.port if self._server is not None else 0
 
     @property
     def client(self) -> MasterClient:

@@ -16,6 +16,8 @@ __all__ = ["InboundLink", "NodeServer"]
 
 logger = logging.getLogger(__name__)
 
+_ACCEPT_AGAIN_S = 1.0
+
 
 class InboundLink(asyncio.BufferedProtocol):
     """One accepted connection. Nothing is ever written back.
@@ -89,7 +91,11 @@ class InboundLink(asyncio.BufferedProtocol):
 
 
 class NodeServer:
-    """Listens on one port, on one or more local addresses."""
+    """Listens on one port, on one or more local addresses.
+
+    It accepts by itself: `asyncio.Server`, closed at the moment when a connection arrives, leaves that
+    connection open with nobody to close it.
+    """
 
     def __init__(
         self, receiver: Receiver, max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES
@@ -98,7 +104,9 @@ class NodeServer:
         self.links: set[InboundLink] = set()
         self._receiver = receiver
         self._max_message_bytes = max_message_bytes
-        self._servers: list[asyncio.Server] = []
+        self._sockets: list[socket.socket] = []
+        self._accepting: set[asyncio.Task[None]] = set()
+        self._loop = asyncio.get_running_loop()
 
     async def start(self, hosts: tuple[str, ...], port: int = 0) -> None:
         """Listen on all ``hosts`` with the same port; 0 takes any free one.
@@ -106,9 +114,41 @@ class NodeServer:
         Raises:
             AddressInUse: Somebody else listens on the port.
         """
-        loop = asyncio.get_running_loop()
-        for sock in self._bind(hosts, port):
-            self._servers.append(await loop.create_server(self._accepted, sock=sock))
+        self._sockets = self._bind(hosts, port)
+        for sock in self._sockets:
+            self._loop.add_reader(sock, self._accept, sock)
+
+    @property
+    def hosts(self) -> tuple[str, ...]:
+        """The local addresses it listens on."""
+        return tuple(sock.getsockname()[0] for sock in self._sockets)
+
+    def _accept(self, sock: socket.socket) -> None:
+        try:
+            connection, _ = sock.accept()
+        except (BlockingIOError, InterruptedError, ConnectionAbortedError):
+            return
+        except OSError as error:
+            # Out of file descriptors, most likely: those who wait stay in the queue.
+            logger.warning("cannot accept connections now: %s", error)
+            self._loop.remove_reader(sock)
+            self._loop.call_later(_ACCEPT_AGAIN_S, self._accept_again, sock)
+            return
+        connection.setblocking(False)
+        task = self._loop.create_task(self._take(connection))
+        self._accepting.add(task)
+        task.add_done_callback(self._accepting.discard)
+
+    def _accept_again(self, sock: socket.socket) -> None:
+        if sock in self._sockets:
+            self._loop.add_reader(sock, self._accept, sock)
+
+    async def _take(self, connection: socket.socket) -> None:
+        try:
+            await self._loop.connect_accepted_socket(self._accepted, connection)
+        except OSError as error:
+            logger.debug("a connection ended before it began: %s", error)
+            connection.close()
 
     def _bind(self, hosts: tuple[str, ...], port: int) -> list[socket.socket]:
         sockets: list[socket.socket] = []
@@ -143,8 +183,11 @@ class NodeServer:
 
     async def close(self) -> None:
         """Stop listening and end every connection."""
-        for server in self._servers:
-            server.close()
-        self._servers.clear()
+        for sock in self._sockets:
+            self._loop.remove_reader(sock)
+            sock.close()
+        self._sockets.clear()
+        if self._accepting:
+            await asyncio.wait(self._accepting)
         for link in list(self.links):
             link.close()
