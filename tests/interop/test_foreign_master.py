@@ -81,7 +81,7 @@ async def test_registers_again_with_a_restarted_master_and_links_stay() -> None:
                 await until(lambda: "node" in successor.publishers["sensor"])
                 publisher.publish(SensorData(sensor_id=2))
                 await until(lambda: len(listener.on("sensor")) == 2)
-                assert len(listener.writers) == 1, "the same link carried both"
+                assert len(listener.carriers) == 1, "the same link carried both"
 
 
 async def test_foreign_type_on_the_topic_is_not_delivered() -> None:

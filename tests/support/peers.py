@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from simple_ros.wire.framing import FrameDecoder, header_names
+from simple_ros.net.feeder import Source
+from simple_ros.net.server import NodeServer
+from simple_ros.wire.framing import Run, header_names
 
 
 @dataclass
@@ -14,30 +16,30 @@ class ForeignListener:
 
     frames: list[tuple[str, str, bytes]] = field(default_factory=list)
     port: int = 0
-    writers: list[asyncio.StreamWriter] = field(default_factory=list)
-    carriers: set[int] = field(default_factory=set)
+    carriers: set[Source] = field(default_factory=set)
     """Links that brought messages (a Master also keeps one, to see whether the node lives)."""
 
     async def __aenter__(self) -> ForeignListener:
-        self._server = await asyncio.start_server(self._accepted, "127.0.0.1", 0)
-        self.port = self._server.sockets[0].getsockname()[1]
+        self._server = NodeServer(self)
+        await self._server.start(("127.0.0.1",))
+        self.port = self._server.port
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        self._server.close()
-        for writer in self.writers:
-            writer.close()
+        await self._server.close()
 
-    async def _accepted(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.writers.append(writer)
-        decoder = FrameDecoder()
-        while data := await reader.read(65536):
-            self.carriers.add(id(writer))
-            for run in decoder.feed(data):
-                names = header_names(run.header)
-                assert names is not None
-                self.frames += [(*names, bytes(view)) for view in run.payloads]
-        writer.close()
+    def receive(self, link: Source, run: Run, resume: Callable[[], None], *, force: bool) -> int:
+        self.carriers.add(link)
+        names = header_names(run.header)
+        assert names is not None
+        self.frames += [(*names, bytes(view)) for view in run.payloads]
+        return len(run.payloads)
+
+    def link_refused(self, peer: str, reason: str) -> None:
+        raise AssertionError(f"{peer} sent what is no frame: {reason}")
+
+    def link_ended(self, link: Source) -> None:
+        pass
 
     def on(self, topic: str) -> list[bytes]:
         return [payload for name, _, payload in self.frames if name == topic]
