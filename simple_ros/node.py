@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
+import functools
 import logging
-import uuid
 from collections.abc import Callable
 from typing import Any, Self, TypeVar, overload
 
@@ -13,38 +12,35 @@ from google.protobuf.message import DecodeError, Message
 
 from simple_ros import names
 from simple_ros.callbacks import CallbackGuard, is_being_cancelled
-from simple_ros.errors import HandleClosed, SimpleRosError, TopicTypeMismatch
-from simple_ros.events import IncompatibleQos, QosEventCallback, TypeConflict
+from simple_ros.codecs import codec_of
+from simple_ros.endpoints import Endpoints
+from simple_ros.errors import HandleClosed, SimpleRosError
+from simple_ros.events import QosEventCallback
+from simple_ros.identity import Identity
 from simple_ros.msg.registry import MsgFactory
-from simple_ros.net.addresses import (
-    find_own_ipv4,
-    further_addresses,
-    is_loopback,
-    master_address,
-    split_address,
-)
 from simple_ros.net.feeder import Source
-from simple_ros.net.master_client import MasterClient
+from simple_ros.net.master_client import MasterClient, MasterConnector, MasterDouble
 from simple_ros.net.server import NodeServer
+from simple_ros.net.transport import TCP, TransportChoice, chosen_transports
 from simple_ros.publisher import Publisher
-from simple_ros.qos import DEFAULT, QosProfile, incompatibilities, strictest, weakest
+from simple_ros.qos import DEFAULT, QosProfile
 from simple_ros.registration import Registrar
 from simple_ros.router import BadMessages, Router
-from simple_ros.rpc import master_pb2 as master
+from simple_ros.rpc import master_pb2
 from simple_ros.rpc import ros_rpc_pb2 as ros
-from simple_ros.rpc.convert import qos_from_proto
 from simple_ros.schedule import TimerSchedule
 from simple_ros.subscriber import Callback, Subscriber
 from simple_ros.timers import Timer, TimerCallback
-from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES
-from simple_ros.wire.session import EndpointKey, EndpointKind, Target
+from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES, TARGETS_UPDATE_TYPE
+from simple_ros.wire.session import EndpointKey, EndpointKind
 
 __all__ = ["NodeHandle", "profile_of"]
 
 logger = logging.getLogger(__name__)
 
-MessageT = TypeVar("MessageT", bound=Message)
+MessageT = TypeVar("MessageT")
 
+SHUTDOWN_TYPE = master_pb2.Shutdown.DESCRIPTOR.full_name
 _FLUSH_S = 0.4
 _nodes: dict[str, NodeHandle] = {}
 
@@ -58,50 +54,58 @@ class NodeHandle:
     Args:
         name: Node name; a leading slash means nothing.
         master: ``host:port`` of the Master; None takes ``SIMPLE_ROS_MASTER``, else
-            ``localhost:50051``.
+            ``localhost:50051``. In tests also a `simple_ros.testing.FakeMaster`.
         ip: Dotted IPv4 under which peers reach this node; None takes the one that the route to the
             Master uses.
         port: Port to listen on; 0 takes any free one.
         max_message_bytes: Larger incoming messages are counted and dropped.
+        transports: How messages may travel, most wanted first: names or `Transport` objects; None
+            takes ``SIMPLE_ROS_TRANSPORTS``, else ``("local", "tcp")``.
 
     Raises:
         InvalidName: The name breaks the rules.
-        ConfigError: ``master`` is no address.
+        ConfigError: ``master`` is no address, or there is no such transport.
     """
 
     def __init__(
         self,
         name: str,
         *,
-        master: str | None = None,
+        master: str | MasterDouble | None = None,
         ip: str | None = None,
         port: int = 0,
         max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES,
+        transports: TransportChoice = None,
     ) -> None:
-        self.name = names.node_name(name)
-        self.master = master_address(master)
-        self.ip = ip or ""
+        if isinstance(master, str | None):
+            self.identity = Identity(name, master, ip)
+            self._connect: MasterConnector = functools.partial(MasterClient, self.identity.master)
+        else:
+            self.identity = Identity(name, master.address, ip)
+            self._connect = master.connect
+        self.name = self.identity.name
         self.failure: SimpleRosError | None = None
-        self.instance_id = uuid.uuid4().hex
+        self.transports = chosen_transports(transports)
         self.guard = CallbackGuard(f"node {self.name!r}")
-        self.router = Router(self._push_came, self._link_ended)
-        self._fixed_ip = ip
-        self._further: tuple[str, ...] = ()
+        self.router = Router(
+            {
+                TARGETS_UPDATE_TYPE: self._push_came,
+                SHUTDOWN_TYPE: self._shutdown_came,
+            },
+            self._link_ended,
+        )
+        self.endpoints = Endpoints(self.name, self.router)
         self._wanted_port = port
         self._max_message_bytes = max_message_bytes
         self._server: NodeServer | None = None
         self._registrar: Registrar | None = None
-        self._publishers: dict[EndpointKey, list[Publisher[Any]]] = {}
-        self._subscribers: dict[EndpointKey, list[Subscriber[Any]]] = {}
         self._timers: set[Timer] = set()
-        self._push_links: dict[Source, set[str]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ended = asyncio.Event()
         self._closed = False
         self._closing: asyncio.Task[None] | None = None
         self._flush_until: float | None = None
-        self._unpushed: set[str] = set()
-        self._classes: dict[str, type[Message]] = {}
+        self._asked_to_end: asyncio.Task[None] | None = None
 
     # -- life ----------------------------------------------------------------------------------
 
@@ -118,18 +122,23 @@ class NodeHandle:
             raise HandleClosed(f"node {self.name!r}")
         if self._registrar is None:
             self._loop = asyncio.get_running_loop()
-            await self.refresh_addresses()
-            # Never because the way to the Master could not be found: it may be found later.
-            local = is_loopback(self._fixed_ip or split_address(self.master)[0])
-            hosts = (self.ip,) if local else ("0.0.0.0", "::")
-            self._server = NodeServer(self.router, self._max_message_bytes)
-            await self._server.start(hosts, self._wanted_port)
+            self._server = await self._started_server()
             if self.is_closed:
                 await self._server.close()
                 raise HandleClosed(f"node {self.name!r}")
-            _nodes[self.instance_id] = self
-            self._registrar = Registrar(self, self.master)
+            self.identity.listens_at(self._server)
+            _nodes[self.identity.instance_id] = self
+            self._registrar = Registrar(self.identity, self.endpoints, self._connect, self._failed)
         return self
+
+    async def _started_server(self) -> NodeServer:
+        await self.identity.refresh()
+        hosts = (self.identity.ip,) if self.identity.is_local else ("0.0.0.0", "::")
+        server = NodeServer(self.router, self._max_message_bytes)
+        await server.start(hosts, self._wanted_port)
+        others = [item for item in self.transports if item is not None and item is not TCP]
+        await server.listen_by(others, self.identity.place)
+        return server
 
     @property
     def is_closed(self) -> bool:
@@ -150,22 +159,15 @@ class NodeHandle:
         try:
             for timer in list(self._timers):
                 timer.close_sparing(caller)
-            await self._flush_all()
+            await self.endpoints.flush(self.flush_allowance())
             if self._registrar is not None:
                 await self._registrar.close()
         finally:
             self._abandon(caller)
             if self._server is not None:
                 await self._server.close()
-            _nodes.pop(self.instance_id, None)
+            _nodes.pop(self.identity.instance_id, None)
             self._ended.set()
-
-    async def _flush_all(self) -> None:
-        publishers = [pub for group in self._publishers.values() for pub in group]
-        if publishers:
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(self.flush_allowance()):
-                    await asyncio.gather(*(publisher.flush() for publisher in publishers))
 
     def flush_allowance(self) -> float:
         """How long a handle that closes may wait for its messages to leave, in seconds.
@@ -180,12 +182,7 @@ class NodeHandle:
         return max(0.0, self._flush_until - loop.time())
 
     def _abandon(self, caller: asyncio.Task[Any] | None = None) -> None:
-        for publishers in self._publishers.values():
-            for publisher in publishers:
-                publisher.abandon()
-        for subscribers in self._subscribers.values():
-            for subscriber in subscribers:
-                subscriber.abandon(caller)
+        self.endpoints.abandon(caller)
         for timer in list(self._timers):
             timer.close_sparing(caller)
         self.router.close()
@@ -220,9 +217,23 @@ class NodeHandle:
             await self._live_registrar().wait_for_master()
 
     @property
+    def master(self) -> str:
+        """``host:port`` of the Master."""
+        return self.identity.master
+
+    @property
+    def ip(self) -> str:
+        """The dotted IPv4 that peers see; empty before it is started."""
+        return self.identity.ip
+
+    @property
     def port(self) -> int:
         """The port the node listens on; 0 before it is started."""
-        return self._server.port if self._server is not None else 0
+        return self.identity.port
+
+    def node_info(self) -> ros.NodeInfo:
+        """Name, instance and addresses, as they are now."""
+        return self.identity.node_info()
 
     @property
     def client(self) -> MasterClient:
@@ -252,32 +263,41 @@ class NodeHandle:
         *,
         qos: QosProfile | int = DEFAULT,
         on_event: QosEventCallback | None = None,
+        transports: TransportChoice = None,
     ) -> Publisher[MessageT]:
         """A publisher on a topic; returns when the Master knows it (and waits for a Master).
 
         Args:
             topic: Topic name; a leading slash means nothing.
-            message_class: Class of its messages.
+            message_class: Class of its messages: a protobuf class, or one that a codec handles.
             qos: What is offered; a number is a depth.
             on_event: Called with `DeadlineMissed`, `IncompatibleQos`, `TypeConflict`.
+            transports: How its messages may travel, most wanted first; None takes the node's.
 
         Raises:
             InvalidName: The name breaks the rules.
+            TypeError: Nothing handles the class.
             TopicTypeMismatch: The topic has another message type.
             NodeNameTaken: A newer node runs under this node's name.
             HandleClosed: The node is closed.
         """
         registrar = self._live_registrar()
         canonical = names.topic_name(topic)
-        profile = profile_of(qos)
-        msg_type = _full_name(message_class)
-        key = EndpointKey(EndpointKind.PUBLISHER, canonical, msg_type)
-        publisher = Publisher(self, canonical, message_class, profile, on_event)
-        siblings = self._publishers.setdefault(key, [])
-        before = self.qos_of(key)
-        if siblings:
-            publisher.targets_update(siblings[0].targets)
-        siblings.append(publisher)
+        codec = codec_of(message_class)
+        key = EndpointKey(EndpointKind.PUBLISHER, canonical, codec.type_name(message_class))
+        publisher: Publisher[MessageT] = Publisher(
+            self,
+            canonical,
+            message_class,
+            codec,
+            profile_of(qos),
+            on_event,
+            self.transports if transports is None else chosen_transports(transports),
+        )
+        for sibling in self.endpoints.of(key)[:1]:
+            publisher.targets_update(sibling.targets)
+        before = self.endpoints.qos_of(key)
+        self.endpoints.add(key, publisher, codec.definition(message_class))
         try:
             await registrar.register(key)
             self._tell_if_changed(key, before)
@@ -313,7 +333,7 @@ class NodeHandle:
     async def subscribe(
         self,
         topic: str,
-        message_type: type[Message] | str,
+        message_type: type[Any] | str,
         callback: Callback[Any] | None = None,
         *,
         qos: QosProfile | int = DEFAULT,
@@ -345,7 +365,7 @@ class NodeHandle:
     async def subscribe_batches(
         self,
         topic: str,
-        message_type: type[Message] | str,
+        message_type: type[Any] | str,
         callback: Callable[[list[Any]], None] | None,
         *,
         qos: QosProfile | int = DEFAULT,
@@ -372,7 +392,7 @@ class NodeHandle:
     async def _subscribe(
         self,
         topic: str,
-        message_type: type[Message] | str,
+        message_type: type[Any] | str,
         callback: Callback[Any] | None,
         qos: QosProfile | int,
         on_event: QosEventCallback | None,
@@ -384,9 +404,7 @@ class NodeHandle:
         registrar = self._live_registrar()
         canonical = names.topic_name(topic)
         profile = profile_of(qos)
-        msg_type, parse = _type_and_parser(message_type, raw=raw)
-        if not isinstance(message_type, str):
-            self._classes[msg_type] = message_type
+        msg_type, parse, definition = _type_and_parser(message_type, raw=raw)
         key = EndpointKey(EndpointKind.SUBSCRIBER, canonical, msg_type)
         subscriber: Subscriber[Any] = Subscriber(
             self,
@@ -401,8 +419,8 @@ class NodeHandle:
         )
         # Listening comes before registering: messages may arrive before the Master's answer.
         subscriber.route = self.router.add(canonical, msg_type, parse, subscriber)
-        before = self.qos_of(key)
-        self._subscribers.setdefault(key, []).append(subscriber)
+        before = self.endpoints.qos_of(key)
+        self.endpoints.add(key, subscriber, definition)
         try:
             await registrar.register(key)
             self._tell_if_changed(key, before)
@@ -440,30 +458,26 @@ class NodeHandle:
     async def forget_publisher(self, publisher: Publisher[Any]) -> None:
         """A publisher was closed (called by it)."""
         key = EndpointKey(EndpointKind.PUBLISHER, publisher.topic, publisher.msg_type)
-        await self._forget(self._publishers, key, publisher)
+        await self._forget(key, publisher)
 
     async def forget_subscriber(self, subscriber: Subscriber[Any]) -> None:
         """A subscription was closed (called by it)."""
         self.router.remove(subscriber.topic, subscriber.msg_type, subscriber)
         key = EndpointKey(EndpointKind.SUBSCRIBER, subscriber.topic, subscriber.msg_type)
-        await self._forget(self._subscribers, key, subscriber)
+        await self._forget(key, subscriber)
+
+    async def _forget(self, key: EndpointKey, handle: object) -> None:
+        before = self.endpoints.qos_of(key)
+        was_last = self.endpoints.remove(key, handle)
+        if was_last and self._registrar is not None:
+            await self._registrar.unregister(key)
+        elif self.endpoints.qos_of(key) is not None:
+            self._tell_if_changed(key, before)
 
     def _tell_if_changed(self, key: EndpointKey, before: QosProfile | None) -> None:
         """Several handles share a registration: the Master is told what they make of it together."""
-        if self._registrar is not None and before not in (None, self.qos_of(key)):
+        if self._registrar is not None and before not in (None, self.endpoints.qos_of(key)):
             self._registrar.changed(key)
-
-    async def _forget(
-        self, groups: dict[EndpointKey, list[Any]], key: EndpointKey, item: object
-    ) -> None:
-        group = groups.get(key, [])
-        before = self.qos_of(key)
-        if item in group:
-            group.remove(item)
-            if group:
-                self._tell_if_changed(key, before)
-        if not group and groups.pop(key, None) is not None and self._registrar is not None:
-            await self._registrar.unregister(key)
 
     def forget_timer(self, timer: Timer) -> None:
         """A timer was closed (called by it)."""
@@ -477,147 +491,27 @@ class NodeHandle:
         return node if node is not None and node._loop is self._loop else None
 
     def _push_came(self, link: Source, payload: bytes) -> None:
-        try:
-            update = ros.TopicTargetsUpdate.FromString(payload)
-        except DecodeError as error:
-            self.router.bad.add("unparsable", "TopicTargetsUpdate", str(error))
-            return
-        topic = names.canonical(update.topic)
-        self._unpushed.discard(topic)
-        if self._registrar is not None and self._registrar.is_foreign:
-            self._push_links.setdefault(link, set()).add(topic)
-        self._apply_targets(
-            topic, update.add_targets, update.remove_targets, snapshot=update.snapshot
-        )
-
-    def _apply_targets(
-        self, topic: str, add: Any, remove: Any = (), *, snapshot: bool = False
-    ) -> None:
-        removed = [_target(info, topic) for info in remove]
-        for key, publishers in self._publishers.items():
-            if key.topic != topic:
-                continue
-            added = [_target(info, topic) for info in add if self._fits(info, key)]
-            for publisher in publishers:
-                publisher.targets_update(added, removed, snapshot=snapshot)
-
-    def _fits(self, info: ros.NodeInfo, key: EndpointKey) -> bool:
-        """Whether a target wants this type, as far as it says (C++ Masters push any type)."""
-        endpoint = info.endpoint
-        if names.canonical(endpoint.topic) != key.topic or endpoint.msg_type in ("", key.msg_type):
-            return True
-        mismatch = TopicTypeMismatch(
-            key.topic, info.node_name, endpoint.msg_type, key.msg_type, (self.name,)
-        )
-        self.router.bad.add("type_mismatch", key.topic, str(mismatch))
-        return False
+        is_foreign = self._registrar is not None and self._registrar.is_foreign is True
+        self.endpoints.push_came(link, payload, ends_matter=is_foreign)
 
     def _link_ended(self, link: Source) -> None:
-        for topic in self._push_links.pop(link, ()):
-            if self._registrar is not None:
-                self._registrar.push_connection_ended(topic)
+        if self._registrar is not None:
+            self.endpoints.link_ended(link, self._registrar.push_connection_ended)
 
-    # -- what the registrar asks ---------------------------------------------------------------
+    def _shutdown_came(self, link: Source, payload: bytes) -> None:  # noqa: ARG002
+        try:
+            request = master_pb2.Shutdown.FromString(payload)
+        except DecodeError as error:
+            self.router.bad.add("unparsable", "Shutdown", str(error))
+            return
+        if request.instance_id in ("", self.identity.instance_id) and self._closing is None:
+            reason = f": {request.reason}" if request.reason else ""
+            logger.warning(
+                "node %r ends, asked by %s%s", self.name, request.asked_by or "somebody", reason
+            )
+            self._asked_to_end = asyncio.get_running_loop().create_task(self.close())
 
-    async def refresh_addresses(self) -> None:
-        """Find out anew how peers reach this node: robots roam."""
-        if self._fixed_ip is None:
-            self.ip = await find_own_ipv4(self.master)
-        self._further = further_addresses(self.ip, self.port)
-
-    def node_info(self) -> ros.NodeInfo:
-        """Name, instance and addresses, as they are now."""
-        return ros.NodeInfo(
-            ip=self.ip,
-            port=self.port,
-            node_name=self.name,
-            instance_id=self.instance_id,
-            addresses=self._further,
-        )
-
-    def qos_of(self, key: EndpointKey) -> QosProfile | None:
-        """What the handles of this node offer or request on a topic, taken together."""
-        if key.kind is EndpointKind.PUBLISHER:
-            publishers = self._publishers.get(key)
-            return weakest([publisher.qos for publisher in publishers]) if publishers else None
-        subscribers = self._subscribers.get(key)
-        return strictest([subscriber.qos for subscriber in subscribers]) if subscribers else None
-
-    def message_class_of(self, key: EndpointKey) -> type[Message] | None:
-        """The class of a registration's messages; None for subscriptions that only want bytes."""
-        publishers = self._publishers.get(key)
-        if key.kind is EndpointKind.PUBLISHER and publishers:
-            return publishers[0].message_class
-        return self._classes.get(key.msg_type)
-
-    def master_changed(self) -> None:
-        """A Master that knows nothing is about to be told everything."""
-        for publishers in self._publishers.values():
-            for publisher in publishers:
-                publisher.reregistered()
-
-    def master_lost(self) -> None:
-        """The Master is gone."""
-        for publishers in self._publishers.values():
-            for publisher in publishers:
-                publisher.master_lost()
-
-    def registering(self, topic: str) -> None:
-        """A topic is about to be registered."""
-        self._unpushed.add(topic)
-
-    def subscribers_known(self, topic: str, subscribers: list[ros.NodeInfo]) -> None:
-        """The Master named a topic's subscribers in its answer; a push that was faster knows more."""
-        if topic in self._unpushed:
-            self._unpushed.discard(topic)
-            self._apply_targets(topic, subscribers)
-
-    def notice(self, event: master.LeaseEvent) -> None:
-        """The Master has something to say."""
-        match event.WhichOneof("kind"):
-            case "type_conflict":
-                self._type_conflict(event.type_conflict)
-            case "qos_conflict":
-                self._qos_conflict(event.qos_conflict)
-
-    def _type_conflict(self, conflict: master.TypeConflictNotice) -> None:
-        error = TopicTypeMismatch(
-            conflict.topic,
-            conflict.node_name,
-            conflict.msg_type,
-            conflict.existing_type,
-            tuple(conflict.existing_nodes),
-        )
-        logger.warning("TopicTypeMismatch: %s", error)
-        event = TypeConflict(conflict.topic, conflict.node_name, conflict.msg_type)
-        for groups in (self._publishers, self._subscribers):
-            for key, group in groups.items():
-                if key.topic == conflict.topic:
-                    for handle in group:
-                        handle.report(event)
-
-    def _qos_conflict(self, conflict: master.QosConflictNotice) -> None:
-        """Subscribers are warned here; publishers find out by themselves from the push."""
-        offered, requested = qos_from_proto(conflict.offered), qos_from_proto(conflict.requested)
-        problems = incompatibilities(offered, requested)
-        event = IncompatibleQos(
-            conflict.topic,
-            conflict.publisher,
-            conflict.subscriber,
-            tuple(problem.policy for problem in problems),
-        )
-        for key, group in self._subscribers.items():
-            if key.topic == conflict.topic and conflict.subscriber == self.name:
-                logger.warning(
-                    "IncompatibleQos: node %r publishes %r with less than requested here: %s",
-                    conflict.publisher,
-                    conflict.topic,
-                    "; ".join(map(str, problems)),
-                )
-                for subscriber in group:
-                    subscriber.report(event)
-
-    def failed(self, error: SimpleRosError) -> None:
+    def _failed(self, error: SimpleRosError) -> None:
         """The node is no longer registered, for good."""
         self.failure = error
         self._abandon()
@@ -632,33 +526,14 @@ def profile_of(qos: QosProfile | int) -> QosProfile:
     return DEFAULT.replace(depth=qos) if isinstance(qos, int) else qos
 
 
-def _full_name(message_class: type[Message]) -> str:
-    try:
-        return str(message_class.DESCRIPTOR.full_name)
-    except AttributeError:
-        raise TypeError(f"{message_class!r} is not a protobuf message class") from None
-
-
 def _type_and_parser(
-    message_type: type[Message] | str, *, raw: bool
-) -> tuple[str, Callable[[Any], Any]]:
+    message_type: type[Any] | str, *, raw: bool
+) -> tuple[str, Callable[[Any], Any], type[Message] | None]:
+    """The type's name on the wire, what makes messages of bytes, and what describes it."""
     if not isinstance(message_type, str):
-        return _full_name(message_type), message_type.FromString
+        codec = codec_of(message_type)
+        name = codec.type_name(message_type)
+        return name, codec.decoder(message_type), codec.definition(message_type)
     if raw:
-        return message_type, bytes
-    message_class = MsgFactory.instance().get_class(message_type)
-    return message_type, message_class.FromString
-
-
-def _target(info: ros.NodeInfo, topic: str) -> Target:
-    endpoint = info.endpoint
-    known = info.HasField("endpoint") and names.canonical(endpoint.topic) == topic
-    return Target(
-        info.ip,
-        info.port,
-        names.canonical(info.node_name),
-        info.instance_id,
-        tuple(info.addresses),
-        endpoint.topic if known else topic,
-        qos_from_proto(endpoint.qos) if known and endpoint.HasField("qos") else None,
-    )
+        return message_type, bytes, None
+    return message_type, MsgFactory.instance().get_class(message_type).FromString, None

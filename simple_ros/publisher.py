@@ -14,31 +14,30 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from struct import Struct
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
-from google.protobuf.message import Message
-
-from simple_ros.errors import FrameError, HandleClosed, MessageTooLarge, QueueFull
+from simple_ros.codecs import Codec
+from simple_ros.errors import HandleClosed, MessageTooLarge, QueueFull
 from simple_ros.events import DeadlineMissed, IncompatibleQos, QosEvent, QosEventCallback
-from simple_ros.local import LocalLink
-from simple_ros.net.peer import OutboundLink
-from simple_ros.qos import Durability, QosProfile, incompatibilities
+from simple_ros.links import Link, SubscriberLinks
+from simple_ros.net.transport import Transport
+from simple_ros.qos import Durability, QosProfile
 from simple_ros.watch import Watchdog
-from simple_ros.wire.framing import MAX_DATA_BYTES, encode_header
-from simple_ros.wire.session import Target, TargetChanges, TargetSet
+from simple_ros.wire.framing import MAX_DATA_BYTES
+from simple_ros.wire.session import Target
 
 if TYPE_CHECKING:
     from simple_ros.node import NodeHandle
+    from simple_ros.router import Router
 
 __all__ = ["Publisher", "PublisherStatistics"]
 
 logger = logging.getLogger(__name__)
 
-MessageT = TypeVar("MessageT", bound=Message)
-Link = OutboundLink | LocalLink
+MessageT = TypeVar("MessageT")
 
 _pack_u32 = Struct(">I").pack
 _monotonic = time.monotonic
@@ -46,7 +45,6 @@ _get_ident = threading.get_ident
 _BATCH_MESSAGES = 64
 _BATCH_BYTES = 64 * 1024
 _BURST_S = 100e-6
-_UNCONFIRMED_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,15 +66,6 @@ class PublisherStatistics:
     waiting: int
 
 
-@dataclass(slots=True)
-class _Spelling:
-    """The links whose peers spell the topic alike: they share bytes."""
-
-    header: bytes
-    links: list[Link] = field(default_factory=list)
-    batch: list[bytes] = field(default_factory=list)
-
-
 class Publisher(Generic[MessageT]):
     """Sends messages of one type on one topic. Made by `NodeHandle.advertise`.
 
@@ -85,6 +74,7 @@ class Publisher(Generic[MessageT]):
         msg_type: Full protobuf name.
         qos: What is offered.
         message_class: Class of its messages.
+        encode: Makes bytes of a message.
     """
 
     def __init__(
@@ -92,21 +82,32 @@ class Publisher(Generic[MessageT]):
         node: NodeHandle,
         topic: str,
         message_class: type[MessageT],
+        codec: Codec,
         qos: QosProfile,
         on_event: QosEventCallback | None,
+        transports: Sequence[Transport | None],
     ) -> None:
         self.topic = topic
-        self.msg_type: str = message_class.DESCRIPTOR.full_name
+        self.msg_type = codec.type_name(message_class)
         self.qos = qos
         self.message_class = message_class
+        self.encode = codec.encoder(message_class)
+        self._codec = codec
         self._node = node
         self._on_event = on_event
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
-        self._targets = TargetSet()
-        self._links: dict[tuple[str, int], Link] = {}
-        self._spellings: list[_Spelling] = []
-        self._incompatible: set[tuple[str, int]] = set()
+        self._links = SubscriberLinks(
+            topic,
+            self.msg_type,
+            qos,
+            transports,
+            local_router=self._local_router,
+            before_change=self._send_batch,
+            on_up=self._link_up,
+            on_change=self._has_changed,
+            on_incompatible=self._report_incompatible,
+        )
         self._latches = qos.durability is Durability.TRANSIENT_LOCAL
         self._latched: tuple[bytes, float] | None = None
         self._lifespan = math.inf if qos.lifespan_s is None else qos.lifespan_s
@@ -119,8 +120,6 @@ class Publisher(Generic[MessageT]):
         self._changed = asyncio.Event()
         self._room = asyncio.Event()
         self._published = 0
-        self._gone = PublisherStatistics(0, 0, 0, 0, 0)
-        self._confirm_timer: asyncio.TimerHandle | None = None
         self._deadline: Watchdog | None = None
         if qos.deadline_s is not None:
             self._deadline = Watchdog(qos.deadline_s, self._deadline_missed)
@@ -132,13 +131,14 @@ class Publisher(Generic[MessageT]):
 
         Raises:
             TypeError: The message is of another type than the topic.
+            ValueError: A codec cannot write the message.
             QueueFull: With ``overflow="block"``, a subscriber has no room; nothing was sent.
             HandleClosed: The publisher or its node is closed.
             NodeNameTaken: A newer node runs under this node's name.
         """
         if message.__class__ is not self.message_class:
             self.check_type(message)
-        self.publish_bytes(message.SerializeToString())
+        self.publish_bytes(self.encode(message))
 
     def publish_bytes(self, payload: bytes) -> None:
         """Send a message that is serialised already. Raises as `publish`."""
@@ -158,7 +158,7 @@ class Publisher(Generic[MessageT]):
         """
         if message.__class__ is not self.message_class:
             self.check_type(message)
-        await self.publish_bytes_async(message.SerializeToString())
+        await self.publish_bytes_async(self.encode(message))
 
     async def publish_bytes_async(self, payload: bytes) -> None:
         """Send a message that is serialised already, as `publish_async`."""
@@ -194,7 +194,7 @@ class Publisher(Generic[MessageT]):
             self._latched = payload, self._expiry()
         if self._deadline is not None:
             self._deadline.happened()
-        if not self._spellings:
+        if not self._links.spellings:
             return False
         if not self._ticking:
             now = _monotonic()
@@ -204,7 +204,7 @@ class Publisher(Generic[MessageT]):
                 return False
             self._ticking = True
             self._loop.call_soon(self._end_tick)
-        for spelling in self._spellings:
+        for spelling in self._links.spellings:
             spelling.batch.append(spelling.header + _pack_u32(size) + payload)
         self._batched += 1
         self._batched_bytes += size
@@ -215,7 +215,7 @@ class Publisher(Generic[MessageT]):
 
     def _send_now(self, payload: bytes) -> None:
         expires_at = self._expiry()
-        for spelling in self._spellings:
+        for spelling in self._links.spellings:
             frame = spelling.header + _pack_u32(len(payload)) + payload
             frames = (frame,)
             for link in spelling.links:
@@ -229,7 +229,7 @@ class Publisher(Generic[MessageT]):
     def _send_batch(self) -> None:
         self._batched = self._batched_bytes = 0
         expires_at = self._expiry()
-        for spelling in self._spellings:
+        for spelling in self._links.spellings:
             frames = spelling.batch
             if frames:
                 spelling.batch = []
@@ -242,28 +242,29 @@ class Publisher(Generic[MessageT]):
 
     def _has_room(self, size: int) -> bool:
         """Whether every link can take one more message, after what waits in this tick's batch."""
-        for link in self._links.values():
-            if not link.has_room(size + self._batched_bytes, self._batched + 1):
-                break
-        else:
+        if self._links.have_room(size + self._batched_bytes, self._batched + 1):
             return True
         if not self._batched:
             return False
         self._send_batch()
-        return all(link.has_room(size) for link in self._links.values())
+        return self._links.have_room(size)
 
     def check_type(self, message: Any) -> None:
         """Raise TypeError if a message is of another type than the topic."""
-        name = getattr(getattr(message, "DESCRIPTOR", None), "full_name", type(message).__name__)
-        if name != self.msg_type:
-            raise TypeError(f"topic {self.topic!r} carries {self.msg_type}, not {name}")
+        given: Any = type(message)
+        if isinstance(message, self.message_class):
+            return
+        if self._codec.handles(given) and self._codec.type_name(given) == self.msg_type:
+            return
+        name = getattr(getattr(message, "DESCRIPTOR", None), "full_name", given.__name__)
+        raise TypeError(f"topic {self.topic!r} carries {self.msg_type}, not {name}")
 
     # -- subscribers ---------------------------------------------------------------------------
 
     @property
     def subscriber_count(self) -> int:
         """Subscribers that are linked now."""
-        return sum(link.is_up for link in self._links.values())
+        return self._links.up_count
 
     async def wait_for_subscribers(self, count: int = 1, timeout: float | None = None) -> None:
         """Wait until at least ``count`` subscribers are linked.
@@ -281,116 +282,34 @@ class Publisher(Generic[MessageT]):
     @property
     def statistics(self) -> PublisherStatistics:
         """Counters so far."""
-        links = list(self._links.values())
-        gone = self._gone
+        total = self._links.totals
         return PublisherStatistics(
-            self._published,
-            gone.sent + sum(link.sent for link in links),
-            gone.dropped + sum(link.queue.dropped for link in links),
-            gone.expired + sum(link.queue.expired for link in links),
-            sum(len(link.queue) for link in links),
+            self._published, total.sent, total.dropped, total.expired, total.waiting
         )
 
     @property
     def targets(self) -> tuple[Target, ...]:
         """The subscribers the Master has named."""
-        return self._targets.targets
+        return self._links.targets
 
     def targets_update(
         self, add: Iterable[Target], remove: Iterable[Target] = (), *, snapshot: bool = False
     ) -> None:
         """Take an update of the Master (called by the node)."""
         if not self._closed:
-            self._apply(self._targets.apply(add, remove, snapshot=snapshot))
+            self._links.update(add, remove, snapshot=snapshot)
 
     def reregistered(self) -> None:
         """A Master that knew nothing was told about this publisher (called by the node)."""
-        self._targets.reregistered()
-        if self._confirm_timer is not None:
-            self._confirm_timer.cancel()
-        self._confirm_timer = self._loop.call_later(
-            _UNCONFIRMED_S, lambda: self._apply(self._targets.drop_unconfirmed())
-        )
+        self._links.reregistered()
 
     def master_lost(self) -> None:
         """The Master is gone: who it did not name stays, until the next one (called by the node)."""
-        if self._confirm_timer is not None:
-            self._confirm_timer.cancel()
+        self._links.master_lost()
 
-    def _apply(self, changes: TargetChanges) -> None:
-        for target in changes.closed:
-            self._unlink(target)
-        for target in changes.opened:
-            self._link(target)
-        for target in changes.updated:
-            self._relink(target)
-        self._changed.set()
-
-    def _relink(self, target: Target) -> None:
-        """A subscriber's requests have changed."""
-        link = self._links.get(target.key)
-        if link is None or (target.qos is not None and incompatibilities(self.qos, target.qos)):
-            self._unlink(target)
-            self._link(target)
-        elif target.qos is not None and target.qos.durability is Durability.TRANSIENT_LOCAL:
-            self._send_latched(link)
-
-    def _link(self, target: Target) -> None:
-        try:
-            header = encode_header(target.topic or self.topic, self.msg_type)
-        except FrameError as error:
-            logger.warning("node %r cannot be sent %r: %s", target.node, self.topic, error)
-            return
-        if target.qos is not None:
-            problems = incompatibilities(self.qos, target.qos)
-            if problems:
-                self._report_incompatible(target, [problem.policy for problem in problems])
-                return
-        node = self._node.local_peer(target.instance_id)
-        if node is not None:
-            link: Link = LocalLink(
-                target,
-                self.qos,
-                node.router,
-                on_room=self._has_changed,
-                on_broken=lambda link: self.targets_update((), (link.target,)),
-            )
-        else:
-            link = OutboundLink(
-                target,
-                self.qos,
-                on_up=self._link_up,
-                on_broken=self._link_broke,
-                on_room=self._has_changed,
-            )
-        self._links[target.key] = link
-        self._send_batch()
-        spelling = next((item for item in self._spellings if item.header == header), None)
-        if spelling is None:
-            spelling = _Spelling(header)
-            self._spellings.append(spelling)
-        spelling.links.append(link)
-        if isinstance(link, LocalLink):
-            self._link_up(link)
-
-    def _unlink(self, target: Target) -> None:
-        self._incompatible.discard(target.key)
-        link = self._links.pop(target.key, None)
-        if link is None:
-            return
-        self._send_batch()
-        for spelling in self._spellings:
-            if link in spelling.links:
-                spelling.links.remove(link)
-        self._spellings = [spelling for spelling in self._spellings if spelling.links]
-        link.close()
-        self._remember(link)
-
-    def _remember(self, link: Link) -> None:
-        gone, queue = self._gone, link.queue
-        self._gone = PublisherStatistics(
-            0, gone.sent + link.sent, gone.dropped + queue.dropped, gone.expired + queue.expired, 0
-        )
+    def _local_router(self, instance_id: str) -> Router | None:
+        node = self._node.local_peer(instance_id)
+        return None if node is None else node.router
 
     def _link_up(self, link: Link) -> None:
         if not link.queue:
@@ -402,12 +321,8 @@ class Publisher(Generic[MessageT]):
             return
         payload, expires_at = self._latched
         if expires_at > self._loop.time():
-            header = encode_header(link.target.topic or self.topic, self.msg_type)
-            frame = header + _pack_u32(len(payload)) + payload
+            frame = self._links.header_of(link.target) + _pack_u32(len(payload)) + payload
             link.send((frame,), frame, expires_at)
-
-    def _link_broke(self, link: OutboundLink) -> None:
-        self._apply(self._targets.link_broke(link.target.key))
 
     def _has_changed(self) -> None:
         self._changed.set()
@@ -416,9 +331,6 @@ class Publisher(Generic[MessageT]):
     # -- events --------------------------------------------------------------------------------
 
     def _report_incompatible(self, target: Target, policies: list[str]) -> None:
-        if target.key in self._incompatible:
-            return
-        self._incompatible.add(target.key)
         logger.warning(
             "IncompatibleQos: %r on %r is not sent to node %r, which requests more: %s",
             self.msg_type,
@@ -447,7 +359,7 @@ class Publisher(Generic[MessageT]):
         """
         self._send_batch()
         async with asyncio.timeout(timeout):
-            await asyncio.gather(*(link.flush() for link in list(self._links.values())))
+            await self._links.flush()
 
     async def close(self) -> None:
         """Stop publishing: unregister, send what still waits (up to 0.5 s), end the links."""
@@ -464,12 +376,9 @@ class Publisher(Generic[MessageT]):
         if self._closed:
             return
         self._closed = True
-        if self._confirm_timer is not None:
-            self._confirm_timer.cancel()
         if self._deadline is not None:
             self._deadline.stop()
-        for link in list(self._links.values()):
-            self._unlink(link.target)
+        self._links.close()
         self._has_changed()
 
     async def __aenter__(self) -> Self:

@@ -11,12 +11,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncIterator, Coroutine, Iterable
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any
 
 import grpc
-from google.protobuf.message import Message
 
+from simple_ros.endpoints import Endpoints
 from simple_ros.errors import (
     HandleClosed,
     MasterUnavailable,
@@ -25,16 +25,16 @@ from simple_ros.errors import (
     SimpleRosError,
     TopicTypeMismatch,
 )
+from simple_ros.identity import Identity
 from simple_ros.net.addresses import join_address
-from simple_ros.net.master_client import ForeignMaster, LeaseStream, MasterClient
-from simple_ros.qos import QosProfile
-from simple_ros.rpc import master_pb2 as master
+from simple_ros.net.master_client import ForeignMaster, LeaseStream, MasterConnector
 from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros.rpc.convert import qos_to_proto
+from simple_ros.tasks import first_of, run_all, said_when_slow
 from simple_ros.wire.session import Backoff, EndpointKey, EndpointKind, Registrations
 
-__all__ = ["Registrar", "RegistrarHost"]
+__all__ = ["Registrar"]
 
 logger = logging.getLogger(__name__)
 
@@ -42,59 +42,37 @@ _PIPELINED = 64
 _SHIPPED = "simple_ros/msg/"
 _FOREIGN_PUSH_S = 1.0
 _FOREIGN_SPACING_S = 0.02
-_SAY_WAITING_AFTER_S = 1.0
 _GOODBYE_S = 0.4
 _FAREWELL_S = 1.0
 
 
-class RegistrarHost(Protocol):
-    """The node, as its registrar sees it."""
-
-    name: str
-
-    def message_class_of(self, key: EndpointKey) -> type[Message] | None:
-        """The class of a registration's messages; None for subscriptions that only want bytes."""
-
-    async def refresh_addresses(self) -> None:
-        """Find out anew how peers reach this node: robots roam."""
-
-    def node_info(self) -> ros.NodeInfo:
-        """Name, instance and addresses, as they are now."""
-
-    def qos_of(self, key: EndpointKey) -> QosProfile | None:
-        """What the node offers or requests on a registration."""
-
-    def master_changed(self) -> None:
-        """A Master that knows nothing is about to be told everything."""
-
-    def master_lost(self) -> None:
-        """The Master is gone."""
-
-    def registering(self, topic: str) -> None:
-        """A topic is about to be registered."""
-
-    def subscribers_known(self, topic: str, subscribers: list[ros.NodeInfo]) -> None:
-        """The Master named a topic's subscribers in its answer."""
-
-    def notice(self, event: master.LeaseEvent) -> None:
-        """The Master has something to say."""
-
-    def failed(self, error: SimpleRosError) -> None:
-        """The node is no longer registered, for good."""
-
-
 class Registrar:
     """Tells the Master what a node publishes and subscribes.
+
+    Args:
+        identity: Who the node is.
+        endpoints: What it publishes and subscribes.
+        connect: Makes a connection to the Master.
+        on_failed: Called when the node is no longer registered, for good.
 
     Attributes:
         client: The connection to the Master, for further calls.
         is_foreign: Whether the present Master is C++ simple_ros; None before the first contact.
     """
 
-    def __init__(self, host: RegistrarHost, address: str | None) -> None:
-        self.client = MasterClient(address, keepalive=True)
+    def __init__(
+        self,
+        identity: Identity,
+        endpoints: Endpoints,
+        connect: MasterConnector,
+        on_failed: Callable[[SimpleRosError], None],
+    ) -> None:
+        self._connect = connect
+        self.client = connect(keepalive=True)
         self.is_foreign: bool | None = None
-        self._host = host
+        self._identity = identity
+        self._endpoints = endpoints
+        self._on_failed = on_failed
         self._address = self.client.address
         self._registrations = Registrations()
         self._waiting: dict[EndpointKey, list[asyncio.Future[None]]] = {}
@@ -119,7 +97,7 @@ class Registrar:
             RegistrationRefused: The Master said no.
         """
         if self._ended:
-            raise HandleClosed(f"node {self._host.name!r}")
+            raise HandleClosed(f"node {self._identity.name!r}")
         self._registrations.want(key)
         if self._registrations.is_told(key):
             return
@@ -158,7 +136,7 @@ class Registrar:
         """
         await self._contact.wait()
         if self._ended:
-            raise HandleClosed(f"node {self._host.name!r}")
+            raise HandleClosed(f"node {self._identity.name!r}")
 
     def push_connection_ended(self, topic: str) -> None:
         """A connection that brought a push about ``topic`` (canonical) has ended."""
@@ -184,17 +162,17 @@ class Registrar:
                 logger.exception("registration with the Master at %s failed", self._address)
             self._contact.clear()
             self._registrations.master_changed()
-            self._host.master_lost()
+            self._endpoints.master_lost()
             if not self._leaving:
                 await asyncio.sleep(backoff.next_delay())
 
     async def _session(self) -> None:
         """One life of one Master, from its first answer to its end."""
-        await self._host.refresh_addresses()
+        await self._identity.refresh()
         lease = self.client.lease()
         try:
-            async with _said_when_slow(self._address):
-                granted = await lease.open(self._host.node_info())
+            async with said_when_slow(self._address):
+                granted = await lease.open(self._identity.node_info())
         except grpc.aio.AioRpcError as error:
             lease.cancel()
             if error.code() is not grpc.StatusCode.UNIMPLEMENTED:
@@ -208,35 +186,35 @@ class Registrar:
         self._lease = lease
         self._met(foreign=False)
         try:
-            await _first_of(self._listen(lease), self._tell_all())
+            await first_of(self._listen(lease), self._tell_all())
         finally:
             self._lease = None
             lease.cancel()
 
     async def _foreign_session(self) -> None:
         """The same with a C++ Master, which would cut a connection that it sees probed."""
-        probing, self.client = self.client, MasterClient(self._address)
+        probing, self.client = self.client, self._connect(keepalive=False)
         await probing.close()
         self._met(foreign=True)
         try:
-            await _first_of(self.client.wait_until_lost(), self._tell_foreign())
+            await first_of(self.client.wait_until_lost(), self._tell_foreign())
         finally:
-            plain, self.client = self.client, MasterClient(self._address, keepalive=True)
+            plain, self.client = self.client, self._connect(keepalive=True)
             await plain.close()
 
     def _met(self, *, foreign: bool) -> None:
         self.is_foreign = foreign
         self._registrations.master_changed()
         self._declared.clear()
-        self._host.master_changed()
+        self._endpoints.master_changed()
         self._contact.set()
 
     async def _listen(self, lease: LeaseStream) -> None:
         while (event := await lease.next_event()) is not None:
             if event.WhichOneof("kind") == "name_taken":
                 by = event.name_taken.taken_by
-                raise NodeNameTaken(self._host.name, join_address(by.ip, by.port))
-            self._host.notice(event)
+                raise NodeNameTaken(self._identity.name, join_address(by.ip, by.port))
+            self._endpoints.notice(event)
 
     # -- telling our Master --------------------------------------------------------------------
 
@@ -247,7 +225,7 @@ class Registrar:
                 await self._say_farewell(key)
             keys = [key for key in self._registrations.wanted if not self._is_told(key)]
             for start in range(0, len(keys), _PIPELINED):
-                await _all(map(self._tell_one, keys[start : start + _PIPELINED]))
+                await run_all(map(self._tell_one, keys[start : start + _PIPELINED]))
             if not self._wake.is_set():
                 await self._wake.wait()
 
@@ -273,7 +251,7 @@ class Registrar:
     async def _tell(self, key: EndpointKey) -> Exception | None:
         """Register; return why the Master refused, if it did."""
         await self._declare(key)
-        self._host.registering(key.topic)
+        self._endpoints.registering(key.topic)
         fields: dict[str, Any] = {
             "topic_name": key.topic,
             "msg_type": key.msg_type,
@@ -287,7 +265,7 @@ class Registrar:
             )
             self._registrations.told(key)
             if answer.subscribers:
-                self._host.subscribers_known(key.topic, list(answer.subscribers))
+                self._endpoints.subscribers_known(key.topic, list(answer.subscribers))
             response = answer
         else:
             response = await self.client.call(methods.SUBSCRIBE, ros.SubscribeRequest(**fields))
@@ -296,7 +274,7 @@ class Registrar:
 
     async def _declare(self, key: EndpointKey) -> None:
         """Give the Master the definition of a type of the user's, once in its life."""
-        message_class = self._host.message_class_of(key)
+        message_class = self._endpoints.definition_of(key)
         if message_class is None or key.msg_type in self._declared or self.is_foreign:
             return
         if not message_class.DESCRIPTOR.file.name.startswith(_SHIPPED):
@@ -315,7 +293,7 @@ class Registrar:
         conflict = response.type_conflict
         return TopicTypeMismatch(
             key.topic,
-            self._host.name,
+            self._identity.name,
             key.msg_type,
             conflict.existing_type,
             tuple(conflict.existing_nodes),
@@ -351,7 +329,7 @@ class Registrar:
         fields: dict[str, Any] = {
             "topic_name": key.topic,
             "msg_type": key.msg_type,
-            "node_info": self._host.node_info(),
+            "node_info": self._identity.node_info(),
         }
         if key.kind is EndpointKind.PUBLISHER:
             await self.client.call(
@@ -361,10 +339,10 @@ class Registrar:
             await self.client.call(methods.UNSUBSCRIBE, ros.UnsubscribeRequest(**fields))
 
     def _endpoint_info(self, key: EndpointKey) -> ros.NodeInfo:
-        info = self._host.node_info()
+        info = self._identity.node_info()
         info.endpoint.topic = key.topic
         info.endpoint.msg_type = key.msg_type
-        profile = self._host.qos_of(key)
+        profile = self._endpoints.qos_of(key)
         if profile is not None:
             info.endpoint.qos.CopyFrom(qos_to_proto(profile))
         return info
@@ -409,7 +387,7 @@ class Registrar:
                     future.set_exception(error)
         self._ended = True
         self._contact.set()
-        self._host.failed(error)
+        self._on_failed(error)
 
     async def close(self) -> None:
         """Say goodbye, if a Master is there (up to 0.4 s), and stop."""
@@ -440,44 +418,5 @@ class Registrar:
         for futures in self._waiting.values():
             for future in futures:
                 if not future.done():
-                    future.set_exception(HandleClosed(f"node {self._host.name!r}"))
+                    future.set_exception(HandleClosed(f"node {self._identity.name!r}"))
         self._waiting.clear()
-
-
-async def _all(coroutines: Iterable[Coroutine[Any, Any, None]]) -> None:
-    """Run together until all have ended, then raise the first exception there was."""
-    for result in await asyncio.gather(*coroutines, return_exceptions=True):
-        if isinstance(result, BaseException):
-            raise result
-
-
-async def _first_of(*coroutines: Coroutine[Any, Any, None]) -> None:
-    """Run together until one ends; the others are cancelled, an exception is raised."""
-    tasks = [asyncio.ensure_future(coroutine) for coroutine in coroutines]
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
-
-@contextlib.asynccontextmanager
-async def _said_when_slow(address: str) -> AsyncIterator[None]:
-    """Log once if what is inside takes long, and once more when it is done after all."""
-    said = False
-
-    def say() -> None:
-        nonlocal said
-        said = True
-        logger.warning("waiting for a Master at %s", address)
-
-    handle = asyncio.get_running_loop().call_later(_SAY_WAITING_AFTER_S, say)
-    try:
-        yield
-    finally:
-        handle.cancel()
-    if said:
-        logger.warning("found the Master at %s", address)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from google.protobuf.message import DecodeError
@@ -18,7 +18,7 @@ from google.protobuf.message import DecodeError
 from simple_ros.names import canonical
 from simple_ros.net.feeder import Source
 from simple_ros.qos import Durability, QosProfile
-from simple_ros.wire.framing import TARGETS_UPDATE_TYPE, Run, header_names
+from simple_ros.wire.framing import Run, header_names
 
 __all__ = ["BadMessages", "Route", "Router", "Sink"]
 
@@ -98,18 +98,22 @@ class Route:
         self.msg_type = msg_type
         self.sinks: tuple[Sink, ...] = ()
         self.sources: set[Source] = set()
-        self._parse: Callable[[Any], Any] = bytes
+        self._parsers: dict[Sink, Callable[[Any], Any]] = {}
         self._bad = bad
         self._latches = False
         self._last: bytes | None = None
 
     def add(self, sink: Sink, parse: Callable[[Any], Any]) -> None:
         """Deliver to ``sink`` too; ``parse`` is how it wants its messages made, if not as bytes."""
-        if not sink.wants_bytes:
-            self._parse = parse
+        self._parsers[sink] = bytes if sink.wants_bytes else parse
         self.sinks = (*self.sinks, sink)
         if sink.qos.durability is Durability.TRANSIENT_LOCAL:
             self._latches = True
+
+    def discard(self, sink: Sink) -> None:
+        """Deliver to ``sink`` no more."""
+        self.sinks = tuple(other for other in self.sinks if other is not sink)
+        self._parsers.pop(sink, None)
 
     def replay(self, sink: Sink) -> None:
         """Give a late joiner of this node the last message that earlier ones had already."""
@@ -161,31 +165,33 @@ class Route:
             if sink.takes_batches:
                 sink.take_batch(self._batch(sink, payloads))
                 return
-            if not sink.wants_bytes:
-                self._deliver_to_one(sink, payloads)
-                return
+            self._deliver_to_one(sink, payloads)
+            return
         for payload in payloads:
             self._deliver_to_each(payload)
 
     def _batch(self, sink: Sink, payloads: list[memoryview]) -> list[Any]:
-        if sink.wants_bytes:
-            return [bytes(payload) for payload in payloads]
+        parse = self._parsers[sink]
         try:
-            return [self._parse(payload) for payload in payloads]
+            return [parse(payload) for payload in payloads]
         except DecodeError:
-            return [message for message in map(self._parsed, payloads) if message is not None]
+            parsed = (self._parsed(parse, payload) for payload in payloads)
+            return [message for message in parsed if message is not None]
 
     def _deliver_to_each(self, payload: memoryview) -> None:
-        wanted = any(not sink.wants_bytes for sink in self.sinks)
-        message = self._parsed(payload) if wanted else None
+        """To several subscriptions: those that want the same class get the same object."""
+        made: dict[Callable[[Any], Any], Any] = {}
         for sink in self.sinks:
-            if sink.wants_bytes:
-                self._hand(sink, bytes(payload), len(payload))
-            elif message is not None:
-                self._hand(sink, message, len(payload))
+            parse = self._parsers.get(sink)
+            if parse is None:
+                continue
+            if parse not in made:
+                made[parse] = self._parsed(parse, payload)
+            if made[parse] is not None:
+                self._hand(sink, made[parse], len(payload))
 
     def _deliver_to(self, sink: Sink, payload: memoryview) -> None:
-        message = bytes(payload) if sink.wants_bytes else self._parsed(payload)
+        message = self._parsed(self._parsers[sink], payload)
         if message is not None:
             self._hand(sink, message, len(payload))
 
@@ -195,16 +201,16 @@ class Route:
         else:
             sink.take(message, size)
 
-    def _parsed(self, payload: memoryview) -> Any:
+    def _parsed(self, parse: Callable[[Any], Any], payload: memoryview) -> Any:
         """The message, or None if it cannot be parsed, which is counted."""
         try:
-            return self._parse(payload)
+            return parse(payload)
         except DecodeError as error:
             self._unparsable(payload, error)
             return None
 
     def _deliver_to_one(self, sink: Sink, payloads: list[memoryview]) -> None:
-        parse, take = self._parse, sink.take
+        parse, take = self._parsers[sink], sink.take
         for payload in payloads:
             try:
                 message = parse(payload)
@@ -222,17 +228,18 @@ class Router:
     """Finds the route of each run of frames.
 
     Args:
-        on_push: Called with the link and the payload of each push of a Master.
+        on_control: What to call, with the link and the payload, for each frame of certain types,
+            whatever its topic: pushes of a Master, say.
         on_link_ended: Called with each link that ended.
     """
 
     def __init__(
         self,
-        on_push: Callable[[Source, bytes], None],
+        on_control: Mapping[str, Callable[[Source, bytes], None]],
         on_link_ended: Callable[[Source], None],
     ) -> None:
         self.bad = BadMessages()
-        self._on_push = on_push
+        self._on_control = on_control
         self._on_link_ended = on_link_ended
         self._routes: dict[tuple[str, str], Route] = {}
         self._by_link: dict[Source, dict[bytes, Route]] = {}
@@ -252,7 +259,7 @@ class Router:
         route = self._routes.get((topic, msg_type))
         if route is None:
             return True
-        route.sinks = tuple(other for other in route.sinks if other is not sink)
+        route.discard(sink)
         if route.sinks:
             return False
         del self._routes[topic, msg_type]
@@ -283,9 +290,10 @@ class Router:
             self.bad.add("bad_name", repr(run.header[:80]), "its name is not UTF-8", count)
             return None
         spelling, msg_type = names
-        if msg_type == TARGETS_UPDATE_TYPE:
+        control = self._on_control.get(msg_type)
+        if control is not None:
             for payload in run.payloads:
-                self._on_push(link, bytes(payload))
+                control(link, bytes(payload))
             return None
         topic = canonical(spelling)
         route = self._routes.get((topic, msg_type))

@@ -26,6 +26,7 @@ from simple_ros.blocking import BlockingNode
 from simple_ros.executor import Executor
 from simple_ros.message_queue import MessageQueue
 from simple_ros.net.loop import BackgroundLoop
+from simple_ros.net.transport import TransportChoice
 from simple_ros.node import NodeHandle as AsyncNodeHandle
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros.rpc_client import RosRpcClient
@@ -69,6 +70,7 @@ class SystemManager:
         node_name: str = "",
         master: str | None = None,
         ip: str | None = None,
+        transports: TransportChoice = None,
     ) -> None:
         """Start the node of this process: ``init()``, ``init(port)``, ``init(name)``, ``init(port, name)``.
 
@@ -82,6 +84,7 @@ class SystemManager:
             node_name: Name of the node.
             master: ``host:port`` of the Master; None takes ``SIMPLE_ROS_MASTER`` or the default.
             ip: Dotted IPv4 that peers see; None finds it.
+            transports: How messages may travel, see `simple_ros.aio.NodeHandle`.
 
         Raises:
             RuntimeError: It was called before, with no `shutdown` in between.
@@ -97,7 +100,11 @@ class SystemManager:
             if self._node is not None:
                 raise RuntimeError("SystemManager.init was called before; shut it down first")
             node = AsyncNodeHandle(
-                node_name or f"node_{os.getpid()}", master=master, ip=ip, port=port
+                node_name or f"node_{os.getpid()}",
+                master=master,
+                ip=ip,
+                port=port,
+                transports=transports,
             )
             if self._executor.is_stopped:
                 self._executor = Executor()
@@ -114,10 +121,10 @@ class SystemManager:
         return self._loop
 
     async def _await_end(self, node: AsyncNodeHandle) -> None:
-        """A node that lost its name ends the spin."""
+        """A node that lost its name, or was asked to end, ends the spin."""
+        executor = self._executor
         await node.wait_ended()
-        if node.failure is not None:
-            self._executor.stop()
+        executor.stop()
 
     def shutdown(self) -> None:
         """Say goodbye, end every node of the process and every spin; twice does nothing more."""
@@ -257,8 +264,8 @@ class NodeHandle(BlockingNode):
     Args:
         name: None means the node that `SystemManager.init` started; any number of handles may share it.
             A name starts a further node in this process, spun with the first.
-        options: Of a further node: ``master``, ``ip``, ``port``, ``max_message_bytes`` as of
-            `simple_ros.aio.NodeHandle`.
+        options: Of a further node: ``master``, ``ip``, ``port``, ``max_message_bytes``, ``transports``,
+            as of `simple_ros.aio.NodeHandle`.
 
     Raises:
         RuntimeError: `SystemManager.init` was not called.

@@ -19,6 +19,7 @@ __all__ = [
     "find_own_ipv4",
     "further_addresses",
     "is_loopback",
+    "is_tcp",
     "join_address",
     "judge_connection",
     "keep_alive",
@@ -159,13 +160,21 @@ def _bind(host: str, port: int) -> socket.socket:
     return sock
 
 
-def keep_alive(sock: socket.socket, *, idle_s: float = 8.0) -> None:
+def is_tcp(sock: socket.socket | None) -> bool:
+    """Whether it is a TCP socket; other transports have others, or none."""
+    internet = (socket.AF_INET, socket.AF_INET6)
+    return sock is not None and sock.family in internet and sock.type == socket.SOCK_STREAM
+
+
+def keep_alive(sock: socket.socket | None, *, idle_s: float = 8.0) -> None:
     """Let the kernel notice a peer host that vanished, on a link that carries nothing.
 
     Args:
-        sock: A connected TCP socket.
+        sock: A connected socket; nothing happens if it is not TCP's.
         idle_s: How long it may give no sign of life, rounded to whole seconds, at least 2.
     """
+    if sock is None or not is_tcp(sock):
+        return
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     probes = max(1, min(3, round(idle_s) // 2))
     settings = {
@@ -200,10 +209,10 @@ _UNANSWERED_PROBES = 4
 _TCP_INFO = struct.Struct("=2xBB20xI28xI")
 
 
-def connection_state(sock: socket.socket) -> ConnectionState:
+def connection_state(sock: socket.socket | None) -> ConnectionState:
     """Look at a connected TCP socket; where the kernel does not tell, nothing is silent."""
     option = getattr(socket, "TCP_INFO", None)
-    if option is None:
+    if option is None or sock is None or not is_tcp(sock):
         return ConnectionState(is_under_way=False, is_silent=False)
     raw = sock.getsockopt(socket.IPPROTO_TCP, option, _TCP_INFO.size)
     if len(raw) < _TCP_INFO.size:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import grpc
 from google.protobuf.message import Message
@@ -26,7 +26,14 @@ from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros.rpc.convert import change_from_proto, snapshot_from_proto
 from simple_ros.rpc.methods import Method
 
-__all__ = ["ForeignMaster", "LeaseStream", "MasterClient", "TopicNotFound"]
+__all__ = [
+    "ForeignMaster",
+    "LeaseStream",
+    "MasterClient",
+    "MasterConnector",
+    "MasterDouble",
+    "TopicNotFound",
+]
 
 Request = TypeVar("Request", bound=Message)
 Response = TypeVar("Response", bound=Message)
@@ -49,6 +56,22 @@ _KEEPALIVE: list[tuple[str, Any]] = [
     ("grpc.http2.max_pings_without_data", 0),
 ]
 DEFAULT_TIMEOUT_S = 5.0
+
+
+class MasterConnector(Protocol):
+    """Makes connections to one Master."""
+
+    def __call__(self, *, keepalive: bool) -> MasterClient:
+        """A new connection."""
+
+
+class MasterDouble(Protocol):
+    """What stands in for a Master, without a network."""
+
+    address: str
+
+    def connect(self, *, keepalive: bool) -> MasterClient:
+        """A new connection."""
 
 
 class ForeignMaster(SimpleRosError):

@@ -13,7 +13,8 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 
-from simple_ros.net.addresses import connection_state, join_address, keep_alive, split_address
+from simple_ros.net.addresses import connection_state, join_address, keep_alive
+from simple_ros.net.transport import TCP, Transport, Way, ways_to
 from simple_ros.qos import QosProfile, Reliability
 from simple_ros.wire.queues import BoundedQueue
 from simple_ros.wire.session import Backoff, Target
@@ -35,6 +36,7 @@ class OutboundLink(asyncio.Protocol):
         queue: What waits, with its drop counters.
         connects: How often the link came up.
         sent: Messages handed to the network.
+        too_large: Messages given up because the transport takes none of that size.
     """
 
     def __init__(
@@ -45,12 +47,17 @@ class OutboundLink(asyncio.Protocol):
         on_up: Callable[[OutboundLink], None],
         on_broken: Callable[[OutboundLink], None],
         on_room: Callable[[], None],
+        transports: Sequence[Transport | None] = (TCP,),
     ) -> None:
         self.target = target
         self.queue: BoundedQueue[bytes] = BoundedQueue(profile.depth, profile.max_bytes)
         self.connects = 0
         self.sent = 0
+        self.too_large = 0
         self._keeps_over_breaks = profile.reliability is Reliability.RELIABLE
+        self._ways = ways_to(target, transports, needs_reliable=self._keeps_over_breaks)
+        self._way: Way | None = None
+        self._max_write: int | None = None
         self._on_up = on_up
         self._on_broken = on_broken
         self._on_room = on_room
@@ -78,7 +85,10 @@ class OutboundLink(asyncio.Protocol):
         if self._direct:
             self.sent += len(frames)
             assert self._transport is not None
-            self._transport.write(joined)
+            if self._max_write is None:
+                self._transport.write(joined)
+            else:
+                self._write_in_pieces(frames)
             if self._check is None:
                 self._check = self._loop.call_later(_CHECK_EVERY_S, self._check_peer)
             return
@@ -99,13 +109,50 @@ class OutboundLink(asyncio.Protocol):
             while self.queue and not self._is_paused():
                 frames = self.queue.take(self._loop.time(), _CHUNK_BYTES)
                 self.sent += len(frames)
-                transport.write(b"".join(frames))
+                if self._max_write is None:
+                    transport.write(b"".join(frames))
+                else:
+                    self._write_in_pieces(frames)
             if not self._is_paused():
                 self._direct = True
                 self._idle.set()
             if self._check is None:
                 self._check = self._loop.call_later(_CHECK_EVERY_S, self._check_peer)
         self._on_room()
+
+    def _write_in_pieces(self, frames: Sequence[bytes]) -> None:
+        """Write whole frames, as many at a time as the transport takes."""
+        assert self._max_write is not None
+        piece: list[bytes] = []
+        size = 0
+        for frame in frames:
+            if len(frame) > self._max_write:
+                self._give_up(frame)
+                continue
+            if size + len(frame) > self._max_write:
+                self._write(piece)
+                piece, size = [], 0
+            piece.append(frame)
+            size += len(frame)
+        if piece:
+            self._write(piece)
+
+    def _write(self, frames: list[bytes]) -> None:
+        assert self._transport is not None
+        self._transport.write(b"".join(frames))
+
+    def _give_up(self, frame: bytes) -> None:
+        self.sent -= 1
+        self.too_large += 1
+        if self.too_large == 1:
+            assert self._way is not None
+            logger.warning(
+                "%s takes at most %s bytes at once: dropping a message of %d bytes to %s (logged once)",
+                self._way.transport.scheme,
+                self._max_write,
+                len(frame),
+                self._who(),
+            )
 
     def _check_peer(self) -> None:
         """End a link whose peer host no longer answers; look again while something is under way."""
@@ -126,6 +173,8 @@ class OutboundLink(asyncio.Protocol):
     # -- the connection ------------------------------------------------------------------------
 
     async def _keep_linked(self) -> None:
+        if not self._ways:
+            logger.warning("no transport of this node reaches %s", self._who())
         while not self._closed:
             if await self._dial():
                 await self._lost.wait()
@@ -136,14 +185,13 @@ class OutboundLink(asyncio.Protocol):
 
     async def _dial(self) -> bool:
         self._lost.clear()
-        addresses = [join_address(*self.target.key), *self.target.addresses]
-        for address in addresses:
+        for way in self._ways:
+            self._way = way
             try:
-                host, port = split_address(address)
                 async with asyncio.timeout(_DIAL_TIMEOUT_S):
-                    await self._loop.create_connection(lambda: self, host, port)
+                    await way.transport.dial(way.address, self)
                 return True
-            except (OSError, OverflowError, ValueError) as error:
+            except (OSError, ValueError) as error:
                 # ValueError: what a peer registered is no address at all.
                 logger.debug("%s does not answer: %s", self._who(), error)
         self._on_broken(self)
@@ -158,6 +206,7 @@ class OutboundLink(asyncio.Protocol):
         transport.set_write_buffer_limits(high=0)
         keep_alive(transport.get_extra_info("socket"))
         self._transport = transport
+        self._max_write = self._way.transport.max_write_bytes if self._way is not None else None
         self._paused = False
         self.connects += 1
         self._backoff.reset()

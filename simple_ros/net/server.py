@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from simple_ros.errors import AddressInUse
 from simple_ros.net.addresses import join_address, keep_alive, listening_socket
 from simple_ros.net.feeder import Feeder, Receiver, Source
+from simple_ros.net.transport import Listener, Place, Transport
 from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES, FrameDecoder, Run
 
 __all__ = ["InboundLink", "NodeServer"]
@@ -23,7 +24,7 @@ class InboundLink(asyncio.BufferedProtocol):
     """One accepted connection. Nothing is ever written back.
 
     Attributes:
-        peer: ``host:port`` of the other side.
+        peer: ``host:port`` of the other side, or what its transport calls it.
         violation: Whether it was closed for not speaking simple_ros framing.
     """
 
@@ -39,11 +40,8 @@ class InboundLink(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
-        host, port = (transport.get_extra_info("peername") or ("?", 0))[:2]
-        self.peer = join_address(host, port)
-        sock = transport.get_extra_info("socket")
-        if sock is not None:
-            keep_alive(sock)
+        self.peer = _peer_name(transport.get_extra_info("peername"))
+        keep_alive(transport.get_extra_info("socket"))
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002
         return self._decoder.get_buffer()
@@ -90,8 +88,14 @@ class InboundLink(asyncio.BufferedProtocol):
             self._transport.close()
 
 
+def _peer_name(name: object) -> str:
+    if isinstance(name, tuple) and len(name) >= 2:
+        return join_address(str(name[0]), int(name[1]))
+    return str(name) if name else "?"
+
+
 class NodeServer:
-    """Listens on one port, on one or more local addresses.
+    """Listens on one TCP port, on one or more local addresses, and by other transports.
 
     It accepts by itself: `asyncio.Server`, closed at the moment when a connection arrives, leaves that
     connection open with nobody to close it.
@@ -106,7 +110,21 @@ class NodeServer:
         self._max_message_bytes = max_message_bytes
         self._sockets: list[socket.socket] = []
         self._accepting: set[asyncio.Task[None]] = set()
+        self._listeners: list[Listener] = []
         self._loop = asyncio.get_running_loop()
+
+    async def listen_by(self, transports: Iterable[Transport], place: Place) -> None:
+        """Listen by other transports too; one that cannot is left out with a warning."""
+        for transport in transports:
+            try:
+                self._listeners.append(await transport.listen(self._accepted, place))
+            except OSError as error:
+                logger.warning("not reachable by %s: %s", transport.scheme, error)
+
+    @property
+    def further_addresses(self) -> tuple[str, ...]:
+        """What peers dial by other transports."""
+        return tuple(address for item in self._listeners for address in item.addresses)
 
     async def start(self, hosts: tuple[str, ...], port: int = 0) -> None:
         """Listen on all ``hosts`` with the same port; 0 takes any free one.
@@ -187,6 +205,9 @@ class NodeServer:
             self._loop.remove_reader(sock)
             sock.close()
         self._sockets.clear()
+        for listener in self._listeners:
+            await listener.close()
+        self._listeners.clear()
         if self._accepting:
             await asyncio.wait(self._accepting)
         for link in list(self.links):

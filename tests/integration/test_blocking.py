@@ -69,14 +69,11 @@ def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
     internal = {
         *("start", "spin", "forget_publisher", "forget_subscriber", "forget_timer", "local_peer"),
         *(
-            "refresh_addresses",
             *("master_lost", "registering", "flush_allowance", "is_closed", "has_received"),
-            *("close_sparing", "guard", "router", "is_waited_for", "room_made", "message_class_of"),
+            *("close_sparing", "guard", "router", "is_waited_for", "room_made"),
             "node_info",
-            "qos_of",
             "master_changed",
             "subscribers_known",
-            "notice",
         ),
         *("failed", "wait_ended", "subscribe_batches", "targets", "targets_update", "reregistered"),
         *("report", "abandon", "check_open", "check_type", "publish_async", "publish_bytes_async"),

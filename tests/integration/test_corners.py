@@ -100,7 +100,7 @@ async def test_strange_registrations_break_no_publisher(master: Master) -> None:
             ),
             ros.NodeInfo(ip="127.0.0.1", port=cpp.port, node_name="good"),
         ]
-        node._apply_targets("sensor", strange)
+        node.endpoints.apply_targets("sensor", strange)
         publisher.publish(SensorData(sensor_id=1))
         await until(lambda: len(cpp.frames) == 1)
 
@@ -192,7 +192,7 @@ async def test_attempts_given_up_without_a_master_leave_nothing() -> None:
                 await asyncio.wait_for(node.advertise(f"topic{index}", SensorData), 0.001)
         assert node._registrar is not None
         assert node._registrar._waiting == {}
-        assert node._publishers == {}
+        assert node.endpoints.publishers == ()
 
 
 async def test_short_lived_topics_leave_nothing(master: Master) -> None:
@@ -210,8 +210,8 @@ async def test_short_lived_topics_leave_nothing(master: Master) -> None:
             await subscriber.close()
         await until(lambda: not sink.router._by_link)
         assert sink.router._routes == {}
-        assert source._push_links == {}
-        assert source._unpushed == set()
+        assert source.endpoints._push_links == {}
+        assert source.endpoints._unpushed == set()
 
 
 async def test_several_subscriptions_of_a_node_request_the_most_demanding_together(

@@ -363,7 +363,7 @@ async def test_further_addresses_are_tried_when_the_first_does_not_answer(master
             instance_id="other",
             addresses=[f"[::1]:{closed_port}", f"127.0.0.1:{cpp.port}"],
         )
-        node._apply_targets("sensor", [target])
+        node.endpoints.apply_targets("sensor", [target])
         publisher.publish(SensorData(sensor_id=2))
         await until(lambda: len(cpp.frames) == 1)
 

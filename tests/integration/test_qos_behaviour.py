@@ -28,7 +28,7 @@ def stalled_target(publisher_node: NodeHandle, topic: str) -> Iterator[None]:
     """A subscriber whose link is accepted by its kernel and never read."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         target = ros.NodeInfo(ip="127.0.0.1", port=listener.getsockname()[1], node_name="stalled")
-        publisher_node._apply_targets(topic, [target])
+        publisher_node.endpoints.apply_targets(topic, [target])
         yield
 
 
@@ -44,7 +44,7 @@ async def test_latched_message_reaches_late_joiners(master: Master) -> None:
             publisher.publish(SensorData(sensor_id=i))
         await sink.subscribe("map", SensorData, lambda m: got.append(m.sensor_id), qos=LATCHED)
         await source.subscribe("map", SensorData, lambda m: got.append(m.sensor_id + 100))
-        source._apply_targets("map", [ros.NodeInfo(ip="127.0.0.1", port=cpp.port)])
+        source.endpoints.apply_targets("map", [ros.NodeInfo(ip="127.0.0.1", port=cpp.port)])
         await until(lambda: len(got) == 2 and len(cpp.frames) == 1)
         assert sorted(got) == [2, 102]
         assert SensorData.FromString(cpp.frames[0][2]).sensor_id == 2
@@ -232,6 +232,6 @@ async def test_flush_after_a_best_effort_link_broke(master: Master) -> None:
                 publisher.publish(MEGABYTE)
             flushing = asyncio.create_task(publisher.flush(5))
             await asyncio.sleep(0)
-        (link,) = publisher._links.values()
+        (link,) = publisher._links.all
         link._transport.abort()  # type: ignore[union-attr]
         await flushing

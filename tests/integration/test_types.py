@@ -60,9 +60,8 @@ async def test_another_definition_of_the_same_name_is_refused_with_the_differenc
         with pytest.raises(TypeDefinitionConflict) as caught:
             await other.subscribe("things", thing(KINDS.TYPE_DOUBLE), print)
         assert caught.value.difference.splitlines() == ["-string field2 = 2", "+double field2 = 2"]
-        await other.subscribe("things", thing(), print)
-        for subscription in list(other._subscribers.values()):
-            await subscription[0].close()
+        subscription = await other.subscribe("things", thing(), print)
+        await subscription.close()
         await publisher.close()
         await other.advertise("things", thing(KINDS.TYPE_DOUBLE))
 

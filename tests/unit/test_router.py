@@ -52,7 +52,9 @@ class FakeSink:
 def make(*sinks: FakeSink) -> tuple[Router, list[bytes], list[object]]:
     pushes: list[bytes] = []
     ended: list[object] = []
-    router = Router(lambda link, payload: pushes.append(payload), ended.append)
+    router = Router(
+        {"TopicTargetsUpdate": lambda link, payload: pushes.append(payload)}, ended.append
+    )
     for sink in sinks:
         router.add("sensor", "example.SensorData", SensorData.FromString, sink)
     return router, pushes, ended

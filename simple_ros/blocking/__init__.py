@@ -1,0 +1,13 @@
+"""The blocking face: nodes, publishers, subscribers and timers for programs without an event loop.
+
+Everything forwards to the asyncio classes, which run on one background loop. Callbacks and timers run
+in the thread that spins (`simple_ros.system_manager`), none before. What one read of a link brought
+crosses to that thread in one piece.
+"""
+
+from simple_ros.blocking.node import BlockingNode
+from simple_ros.blocking.publisher import Publisher
+from simple_ros.blocking.subscriber import Subscriber
+from simple_ros.blocking.timer import Timer
+
+__all__ = ["BlockingNode", "Publisher", "Subscriber", "Timer"]
