@@ -117,10 +117,14 @@ class Endpoints:
         except DecodeError as error:
             self._router.bad.add("unparsable", "TopicTargetsUpdate", str(error))
             return
+        if ends_matter:
+            self._push_links.setdefault(link, set()).add(names.canonical(update.topic))
+        self.take_update(update)
+
+    def take_update(self, update: ros.TopicTargetsUpdate) -> None:
+        """The Master says who subscribes to a topic."""
         topic = names.canonical(update.topic)
         self._unpushed.discard(topic)
-        if ends_matter:
-            self._push_links.setdefault(link, set()).add(topic)
         self.apply_targets(
             topic, update.add_targets, update.remove_targets, snapshot=update.snapshot
         )

@@ -34,7 +34,7 @@ from simple_ros.timers import Timer, TimerCallback
 from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES, TARGETS_UPDATE_TYPE
 from simple_ros.wire.session import EndpointKey, EndpointKind
 
-__all__ = ["NodeHandle", "profile_of"]
+__all__ = ["NodeHandle", "local_node", "profile_of"]
 
 logger = logging.getLogger(__name__)
 
@@ -487,7 +487,7 @@ class NodeHandle:
 
     def local_peer(self, instance_id: str) -> NodeHandle | None:
         """A node of this process on the same event loop."""
-        node = _nodes.get(instance_id) if instance_id else None
+        node = local_node(instance_id)
         return node if node is not None and node._loop is self._loop else None
 
     def _push_came(self, link: Source, payload: bytes) -> None:
@@ -519,6 +519,11 @@ class NodeHandle:
 
     def __repr__(self) -> str:
         return f"<NodeHandle {self.name} {self.ip}:{self.port}>"
+
+
+def local_node(instance_id: str) -> NodeHandle | None:
+    """The node of this process with that instance id, on whichever event loop."""
+    return _nodes.get(instance_id) if instance_id else None
 
 
 def profile_of(qos: QosProfile | int) -> QosProfile:

@@ -1,4 +1,4 @@
-"""``simple-ros demo``: a flying quadrotor, to see that everything works."""
+"""``simple-ros demo``: a flying quadrotor, to see that everything works, and the demos of plug-ins."""
 
 from __future__ import annotations
 
@@ -10,10 +10,22 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["command"]
+from simple_ros.cli.plugins import Demos
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    cls=Demos,
+    help="Fly a simulated quadrotor, or run another demo by name.",
+    invoke_without_command=True,
+    no_args_is_help=False,
+    pretty_exceptions_enable=False,
+)
 
 
-def command(
+@app.callback()
+def _quadrotor(
+    ctx: typer.Context,
     master_port: Annotated[
         int,
         typer.Option(
@@ -28,10 +40,12 @@ def command(
     ] = None,
     plain: Annotated[bool, typer.Option("--plain", help="One line a second, no screen.")] = False,
 ) -> None:
-    """Fly a simulated quadrotor: a Master, two nodes and a view of them.
+    """Fly a simulated quadrotor: a Master, two nodes and a view of them. Or run another demo by name.
 
     Ctrl-C ends everything, with code 0. Code 1: a process ended by itself or messages do not flow.
     """
+    if ctx.invoked_subcommand is not None:
+        return
     from simple_ros import aio
     from simple_ros.demos.displays import suitable_display
     from simple_ros.demos.quad_demo import QuadDemo

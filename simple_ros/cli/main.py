@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from simple_ros.cli import demo, graph, msg, node, topic
+from simple_ros.cli import demo, engine, graph, msg, node, topic
 from simple_ros.cli.plugins import Nouns
 from simple_ros.errors import SimpleRosError
 
@@ -21,11 +21,12 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
 )
-app.command("demo")(demo.command)
 app.command("graph")(graph.command)
+app.add_typer(demo.app, name="demo")
 app.add_typer(node.app, name="node")
 app.add_typer(topic.app, name="topic")
 app.add_typer(msg.app, name="msg")
+app.add_typer(engine.app, name="engine")
 
 
 def _show_version(wanted: bool) -> None:

@@ -1,54 +1,60 @@
-"""Nouns that other packages add to ``simple-ros``.
+"""Commands that other packages add to ``simple-ros``.
 
-A package names them in the entry point group ``simple_ros.cli``: the name is the noun, the object a
-function (one command) or a `typer.Typer` (a command with commands below it). A plug-in is imported
-when its noun is used or help is asked for, so the others cost nothing.
+A package names them in an entry point group: ``simple_ros.cli`` for nouns, ``simple_ros.demos`` for
+demos. The name is the word to type, the object a function (one command) or a `typer.Typer` (a command
+with commands below it). A plug-in is imported when it is used or help is asked for, so the others cost
+nothing.
 """
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 import typer
 from typer.core import TyperGroup
 
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
+from simple_ros import plugins
 
-__all__ = ["GROUP", "Nouns"]
-
-GROUP = "simple_ros.cli"
+__all__ = ["Demos", "Nouns"]
 
 
-class Nouns(TyperGroup):
-    """The commands of ``simple-ros``: its own, then those of plug-ins."""
+class _Plugged(TyperGroup):
+    """A group's own commands, then those of plug-ins."""
+
+    entry_points: ClassVar[str]
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """All nouns; those of plug-ins in the order of the alphabet."""
+        """All of them; those of plug-ins in the order of the alphabet."""
         own = super().list_commands(ctx)
-        return [*own, *sorted(_entry_points().keys() - set(own))]
+        return [*own, *(name for name in plugins.names(self.entry_points) if name not in own)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command of a noun, or None; a plug-in that cannot be loaded is told on stderr."""
+        """A command, or None; a plug-in that cannot be loaded is told on stderr."""
         own = super().get_command(ctx, cmd_name)
-        if own is not None or (entry_point := _entry_points().get(cmd_name)) is None:
+        if own is not None:
             return own
         try:
-            command = _command(cmd_name, entry_point.load())
-        except Exception as error:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            where = f"{cmd_name!r} ({entry_point.value})"
-            print(f"warning: plug-in {where} cannot be loaded: {reason}", file=sys.stderr)
+            command = _command(cmd_name, plugins.load(self.entry_points, cmd_name))
+        except plugins.UnknownPlugin:
+            return None
+        except plugins.BrokenPlugin as error:
+            print(f"warning: {error}", file=sys.stderr)
             return None
         self.add_command(command, cmd_name)
         return command
 
 
-def _entry_points() -> dict[str, EntryPoint]:
-    from importlib.metadata import entry_points
+class Nouns(_Plugged):
+    """The commands of ``simple-ros``."""
 
-    return {entry_point.name: entry_point for entry_point in entry_points(group=GROUP)}
+    entry_points = plugins.CLI
+
+
+class Demos(_Plugged):
+    """The demos of ``simple-ros demo``."""
+
+    entry_points = plugins.DEMOS
 
 
 def _command(name: str, plugin: Any) -> Any:

@@ -92,8 +92,8 @@ class Transport(ABC):
     """
 
     scheme: ClassVar[str]
-    is_reliable: ClassVar[bool] = True
-    max_write_bytes: ClassVar[int | None] = None
+    is_reliable: bool = True
+    max_write_bytes: int | None = None
 
     @abstractmethod
     async def listen(self, accept: Acceptor, place: Place) -> Listener:

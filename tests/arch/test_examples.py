@@ -14,6 +14,11 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 ALONE = {
     "async_for.py": ["got 0", "got 1", "got 2"],
     "latched_map.py": ["occupied cells: [[1, 2]]"],
+    "codec.py": ["as a dataclass: x 1 y 2 yaw 0.500", "as protobuf: x 1 y 2"],
+    "test_with_doubles.py": [
+        "heard at 1.2, 2.2, 3.2 ... 10.2 s",
+        "and 10 more times while the Master was away",
+    ],
     "back_pressure.py": ["received 200, dropped 0"],
     "qos_events.py": ["event: IncompatibleQos(topic='range', publisher='rangefinder'"],
     "watch_graph.py": [

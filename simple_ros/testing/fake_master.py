@@ -1,0 +1,260 @@
+"""A Master without a process or a network, for nodes of the same event loop."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from google.protobuf.message import Message
+
+from simple_ros.errors import MasterUnavailable, TypeDefinitionConflict
+from simple_ros.msg.definitions import TypeStore
+from simple_ros.names import canonical
+from simple_ros.net.master_client import ForeignMaster, LeaseStream, MasterClient
+from simple_ros.node import local_node
+from simple_ros.rpc import master_pb2 as master
+from simple_ros.rpc import methods
+from simple_ros.rpc import ros_rpc_pb2 as ros
+from simple_ros.rpc.methods import Method
+
+__all__ = ["FakeMaster"]
+
+
+class FakeMaster:
+    """Joins publishers and subscribers of one event loop: ``NodeHandle("a", master=fake)``.
+
+    It matches topics and tells publishers who subscribes, keeps leases, and answers the queries of
+    `MasterClient`. It refuses nothing: conflicts of types, names and QoS are the real Master's business.
+
+    Attributes:
+        address: What its clients call it.
+        nodes: Names of the nodes that hold a lease.
+        calls: Names of the calls it has answered.
+    """
+
+    address = "localhost:0"
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+        self._is_up = True
+        self._leases: dict[str, _FakeLease] = {}
+        self._publishers: dict[str, dict[str, ros.NodeInfo]] = {}
+        self._subscribers: dict[str, dict[str, ros.NodeInfo]] = {}
+        self._types = TypeStore()
+        self._back = asyncio.Event()
+        self._back.set()
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Names of the nodes that hold a lease, sorted."""
+        return tuple(sorted(lease.info.node_name for lease in self._leases.values()))
+
+    def publishers_of(self, topic: str) -> tuple[str, ...]:
+        """Names of the nodes that publish a topic, sorted."""
+        return _names(self._publishers.get(canonical(topic), {}))
+
+    def subscribers_of(self, topic: str) -> tuple[str, ...]:
+        """Names of the nodes that subscribe to a topic, sorted."""
+        return _names(self._subscribers.get(canonical(topic), {}))
+
+    def connect(self, *, keepalive: bool) -> MasterClient:  # noqa: ARG002
+        """A connection to it."""
+        return _FakeClient(self)
+
+    # -- faults --------------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        """Die and forget everything: calls fail, leases end; nodes look for it until `restart`."""
+        self._is_up = False
+        self._back.clear()
+        self._publishers.clear()
+        self._subscribers.clear()
+        for lease in list(self._leases.values()):
+            lease.lose()
+        self._leases.clear()
+
+    def restart(self) -> None:
+        """Come back, knowing nothing."""
+        self._is_up = True
+        self._back.set()
+
+    @contextmanager
+    def outage(self) -> Iterator[None]:
+        """Be away inside the block."""
+        self.stop()
+        try:
+            yield
+        finally:
+            self.restart()
+
+    # -- what clients ask ----------------------------------------------------------------------
+
+    async def answer(self, method: Method[Any, Any], request: Any) -> Any:
+        """One call."""
+        await asyncio.sleep(0)
+        if not self._is_up:
+            raise MasterUnavailable(self.address)
+        self.calls.append(method.name)
+        handler = self._handlers().get(method.name)
+        if handler is None:
+            raise ForeignMaster(self.address)
+        return handler(request)
+
+    def _handlers(self) -> dict[str, Callable[[Any], Any]]:
+        return {
+            methods.REGISTER_PUBLISHER.name: self._register_publisher,
+            methods.SUBSCRIBE.name: self._subscribe,
+            methods.UNREGISTER_PUBLISHER.name: self._unregister_publisher,
+            methods.UNSUBSCRIBE.name: self._unsubscribe,
+            methods.GET_NODES.name: self._get_nodes,
+            methods.GET_TOPICS.name: self._get_topics,
+            methods.GET_TOPIC_INFO.name: self._get_topic_info,
+            methods.DECLARE_TYPE.name: self._declare_type,
+            methods.GET_TYPE.name: self._get_type,
+        }
+
+    def _register_publisher(self, request: Any) -> Any:
+        topic = canonical(request.topic_name)
+        self._publishers.setdefault(topic, {})[request.node_info.instance_id] = request.node_info
+        subscribers = list(self._subscribers.get(topic, {}).values())
+        return ros.RegisterPublisherResponse(success=True, subscribers=subscribers)
+
+    def _subscribe(self, request: Any) -> Any:
+        topic = canonical(request.topic_name)
+        self._subscribers.setdefault(topic, {})[request.node_info.instance_id] = request.node_info
+        self._push(topic, add=[request.node_info])
+        return ros.SubscribeResponse(success=True)
+
+    def _unregister_publisher(self, request: Any) -> Any:
+        self._publishers.get(canonical(request.topic_name), {}).pop(
+            request.node_info.instance_id, None
+        )
+        return ros.UnregisterPublisherResponse(success=True)
+
+    def _unsubscribe(self, request: Any) -> Any:
+        topic = canonical(request.topic_name)
+        gone = self._subscribers.get(topic, {}).pop(request.node_info.instance_id, None)
+        if gone is not None:
+            self._push(topic, remove=[gone])
+        return ros.UnsubscribeResponse(success=True)
+
+    def _get_nodes(self, request: Any) -> Any:
+        found = [lease.info for lease in self._leases.values()]
+        nodes = [info for info in found if request.filter in info.node_name]
+        return ros.GetNodesResponse(success=True, nodes=nodes)
+
+    def _get_topics(self, request: Any) -> Any:
+        both = (*self._publishers.items(), *self._subscribers.items())
+        types = {topic: info.endpoint.msg_type for topic, users in both for info in users.values()}
+        topics = [
+            ros.TopicInfo(topic_name=topic, msg_type=types[topic])
+            for topic in sorted(types)
+            if request.filter in topic
+        ]
+        return ros.GetTopicsResponse(success=True, topics=topics)
+
+    def _get_topic_info(self, request: Any) -> Any:
+        topic = canonical(request.topic_name)
+        publishers = list(self._publishers.get(topic, {}).values())
+        subscribers = list(self._subscribers.get(topic, {}).values())
+        kinds = [info.endpoint.msg_type for info in (*publishers, *subscribers)]
+        return ros.GetTopicInfoResponse(
+            success=True,
+            topic_name=topic,
+            msg_type=kinds[0] if kinds else "",
+            publishers=publishers,
+            subscribers=subscribers,
+        )
+
+    def _declare_type(self, request: Any) -> Any:
+        try:
+            self._types.add(request.type_name, request.files)
+        except TypeDefinitionConflict as conflict:
+            return master.DeclareTypeResponse(
+                conflicting_type=conflict.type_name, difference=conflict.difference
+            )
+        return master.DeclareTypeResponse(success=True)
+
+    def _get_type(self, request: Any) -> Any:
+        files = self._types.get(request.type_name)
+        return master.GetTypeResponse(known=files is not None, files=files)
+
+    def _push(self, topic: str, add: Any = (), remove: Any = ()) -> None:
+        update = ros.TopicTargetsUpdate(topic=topic, add_targets=add, remove_targets=remove)
+        for instance_id in self._publishers.get(topic, {}):
+            node = local_node(instance_id)
+            if node is not None:
+                node.endpoints.take_update(update)
+
+    # -- leases --------------------------------------------------------------------------------
+
+    async def granted(self, lease: _FakeLease) -> None:
+        """A lease is asked for; waits until the Master is up."""
+        await self._back.wait()
+        self._leases[lease.info.instance_id] = lease
+
+    def left(self, lease: _FakeLease) -> None:
+        """A node said goodbye, or dropped its lease."""
+        if self._leases.pop(lease.info.instance_id, None) is not lease:
+            return
+        for users in self._publishers.values():
+            users.pop(lease.info.instance_id, None)
+        for topic, users in self._subscribers.items():
+            gone = users.pop(lease.info.instance_id, None)
+            if gone is not None:
+                self._push(topic, remove=[gone])
+
+
+class _FakeLease(LeaseStream):
+    def __init__(self, fake: FakeMaster) -> None:
+        self.info = ros.NodeInfo()
+        self._fake = fake
+        self._ended = asyncio.Event()
+
+    async def open(self, node_info: ros.NodeInfo) -> master.LeaseGranted:
+        self.info = node_info
+        await self._fake.granted(self)
+        return master.LeaseGranted(master_id="fake")
+
+    async def next_event(self) -> master.LeaseEvent | None:
+        await self._ended.wait()
+        return None
+
+    def lose(self) -> None:
+        self._ended.set()
+
+    async def leave(self) -> None:
+        self._fake.left(self)
+        self._ended.set()
+
+    def cancel(self) -> None:
+        self._fake.left(self)
+        self._ended.set()
+
+
+class _FakeClient(MasterClient):
+    """A `MasterClient` with no channel."""
+
+    def __init__(self, fake: FakeMaster) -> None:
+        self.address = fake.address
+        self._fake = fake
+
+    async def close(self) -> None:
+        pass
+
+    async def call(
+        self,
+        method: Method[Any, Any],
+        request: Message,
+        timeout: float | None = None,  # noqa: ARG002
+    ) -> Any:
+        return await self._fake.answer(method, request)
+
+    def lease(self) -> LeaseStream:
+        return _FakeLease(self._fake)
+
+
+def _names(users: dict[str, ros.NodeInfo]) -> tuple[str, ...]:
+    return tuple(sorted(info.node_name for info in users.values()))
