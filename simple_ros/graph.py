@@ -18,6 +18,7 @@ __all__ = [
     "GraphChange",
     "GraphEdge",
     "GraphNode",
+    "GraphService",
     "GraphSnapshot",
     "TopicKey",
     "edges_between",
@@ -55,6 +56,15 @@ class GraphEdge:
     key: TopicKey
 
 
+@dataclass(frozen=True, slots=True, order=True)
+class GraphService:
+    """A service, the name of its type and of the node that provides it."""
+
+    name: str
+    type_name: str
+    node: str
+
+
 class ChangeKind(Enum):
     """What happened to the graph."""
 
@@ -64,11 +74,16 @@ class ChangeKind(Enum):
     PUBLISHER_REMOVED = "publisher_removed"
     SUBSCRIBER_ADDED = "subscriber_added"
     SUBSCRIBER_REMOVED = "subscriber_removed"
+    SERVICE_ADDED = "service_added"
+    SERVICE_REMOVED = "service_removed"
 
 
 @dataclass(frozen=True, slots=True)
 class GraphChange:
-    """One change; ``key`` is None when it concerns a node as a whole."""
+    """One change; ``key`` is None when it concerns a node as a whole.
+
+    For a service, the key holds its name and the name of its type.
+    """
 
     kind: ChangeKind
     node: str
@@ -83,6 +98,7 @@ class GraphSnapshot:
 
     nodes: tuple[GraphNode, ...] = ()
     edges: tuple[GraphEdge, ...] = ()
+    services: tuple[GraphService, ...] = ()
 
 
 def edges_between(nodes: tuple[GraphNode, ...]) -> tuple[GraphEdge, ...]:

@@ -7,8 +7,9 @@ snapshot, which contains them.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Iterable
 
-from simple_ros.graph import GraphChange
+from simple_ros.graph import GraphChange, GraphService
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc.convert import change_to_proto, snapshot_to_proto
 from simple_ros_master.graph import MessageGraph
@@ -47,8 +48,11 @@ class Feed:
 class ChangeLog:
     """Numbers the changes of a graph and hands them to every open feed."""
 
-    def __init__(self, graph: MessageGraph) -> None:
+    def __init__(
+        self, graph: MessageGraph, services: Callable[[], Iterable[GraphService]] = tuple
+    ) -> None:
         self._graph = graph
+        self._services = services
         self._sequence = 0
         self._feeds: set[Feed] = set()
 
@@ -72,5 +76,5 @@ class ChangeLog:
 
     def snapshot(self) -> master.GraphEvent:
         """The graph as it is, numbered like the last change it contains."""
-        nodes = snapshot_to_proto(self._graph.nodes())
-        return master.GraphEvent(sequence=self._sequence, snapshot=nodes)
+        graph = snapshot_to_proto(self._graph.nodes(), self._services())
+        return master.GraphEvent(sequence=self._sequence, snapshot=graph)

@@ -6,7 +6,7 @@ Thin shell: it decodes, asks, and lets the effects be carried out before the ans
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
@@ -15,6 +15,7 @@ from google.protobuf.message import DecodeError, Message
 
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import methods
+from simple_ros.rpc import services_pb2 as srv
 from simple_ros.rpc.methods import Method
 from simple_ros_master import queries, type_registry
 from simple_ros_master.leases import Mailbox
@@ -47,14 +48,43 @@ def generic_handlers(board: Switchboard) -> list[grpc.GenericRpcHandler]:
         _stream(methods.WATCH_GRAPH, grpc.unary_stream_rpc_method_handler, partial(_watch, board)),
         _answer(methods.EXPORT_GRAPH, partial(_export, board)),
         _answer(
-            methods.DECLARE_TYPE, partial(type_registry.declare_type, board.types, directory.graph)
+            methods.DECLARE_TYPE,
+            partial(type_registry.declare_type, board.types, board.types_in_use),
         ),
         _answer(methods.GET_TYPE, partial(type_registry.get_type, board.types)),
     ]
     return [
         grpc.method_handlers_generic_handler(methods.ROS_RPC_SERVICE, dict(ros_rpc)),
         grpc.method_handlers_generic_handler(methods.MASTER_SERVICE, dict(ours)),
+        grpc.method_handlers_generic_handler(methods.SERVICE_DIRECTORY, dict(_services(board))),
     ]
+
+
+def _services(board: Switchboard) -> list[tuple[str, Handler]]:
+    services = board.services
+    return [
+        _change(board, methods.REGISTER_SERVICE, services.register),
+        _change(board, methods.UNREGISTER_SERVICE, services.unregister),
+        _answer(methods.GET_SERVICES, services.get),
+        _stream(
+            methods.FIND_SERVICE,
+            grpc.unary_unary_rpc_method_handler,
+            partial(_find_service, board),
+        ),
+    ]
+
+
+async def _find_service(
+    board: Switchboard, request: srv.FindServiceRequest | None, context: Context
+) -> srv.FindServiceResponse:
+    if request is None:
+        await context.abort(grpc.StatusCode.INVALID_ARGUMENT, "no FindServiceRequest")
+    with board.news_of_services() as news:
+        # The caller's deadline ends the wait: gRPC cancels this.
+        while (found := board.services.find(request.name)) is None and request.wait:
+            news.clear()
+            await news.wait()
+    return srv.FindServiceResponse(found=found is not None, service=found)
 
 
 def _stream(
@@ -91,7 +121,7 @@ def _answer(
 def _change(
     board: Switchboard,
     method: Method[Request, Response],
-    change: Callable[[Request], tuple[Response, list[Effect]]],
+    change: Callable[[Request], tuple[Response, Sequence[Effect]]],
 ) -> tuple[str, Handler]:
     def answer(request: Request) -> Response:
         response, effects = change(request)

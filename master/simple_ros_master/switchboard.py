@@ -10,13 +10,15 @@ import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-from simple_ros.graph import ChangeKind, GraphChange
+from simple_ros.graph import ChangeKind, GraphChange, GraphService
 from simple_ros.msg.definitions import TypeStore
+from simple_ros.names import canonical
 from simple_ros_master.directory import Directory
 from simple_ros_master.feed import ChangeLog, Feed
 from simple_ros_master.leases import LeaseDesk
 from simple_ros_master.peers import Address, CloseLink, Effect, EndLease, Notice, Push, Watch
 from simple_ros_master.pushes import PushPool
+from simple_ros_master.services import ServiceTable, type_text
 
 __all__ = ["Switchboard"]
 
@@ -35,9 +37,11 @@ class Switchboard:
         self.directory = Directory(master_id, master_version)
         self.types = TypeStore()
         self.desk = LeaseDesk()
-        self._log = ChangeLog(self.directory.graph)
+        self.services = ServiceTable(self._is_leased)
+        self._log = ChangeLog(self.directory.graph, self._graph_services)
         self._pool = PushPool(self.directory.resync, self._address_dead)
         self._watchers: set[asyncio.Event] = set()
+        self._awaiting_services: set[asyncio.Event] = set()
         self._stopped = False
 
     async def stop(self) -> None:
@@ -55,6 +59,30 @@ class Switchboard:
         finally:
             self._watchers.discard(news)
             self._log.close(feed)
+
+    @contextmanager
+    def news_of_services(self) -> Iterator[asyncio.Event]:
+        """A signal that is set whenever there is a new service."""
+        news = asyncio.Event()
+        self._awaiting_services.add(news)
+        try:
+            yield news
+        finally:
+            self._awaiting_services.discard(news)
+
+    def _is_leased(self, node: str, instance_id: str) -> bool:
+        peer = self.directory.peers.get(node)
+        return peer is not None and peer.lease is not None and peer.instance_id == instance_id
+
+    def _graph_services(self) -> list[GraphService]:
+        return [
+            GraphService(info.name, type_text(info), canonical(info.node_info.node_name))
+            for info in self.services
+        ]
+
+    def types_in_use(self) -> set[str]:
+        """Every message type that somebody uses."""
+        return self.directory.graph.types_in_use() | self.services.types_in_use()
 
     def apply(self, effects: Iterable[Effect]) -> None:
         """Carry out effects in order."""
@@ -76,8 +104,12 @@ class Switchboard:
                     self._graph_changed(effect)
 
     def _graph_changed(self, change: GraphChange) -> None:
+        if change.kind is ChangeKind.NODE_REMOVED:
+            for ended in self.services.node_removed(change.node):
+                self._graph_changed(ended)
         self._log.add(change)
-        for news in self._watchers:
+        waiting = self._awaiting_services if change.kind is ChangeKind.SERVICE_ADDED else ()
+        for news in (*self._watchers, *waiting):
             news.set()
         address = Address(change.ip, change.port)
         if change.kind in _NODE_NEWS:

@@ -6,23 +6,24 @@ that is contradicted gives way if no node uses it any more: people change their 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from simple_ros.errors import ConfigError, SimpleRosError, TypeDefinitionConflict
 from simple_ros.msg.definitions import TypeStore
 from simple_ros.rpc import master_pb2 as master
-from simple_ros_master.graph import MessageGraph
 
 __all__ = ["declare_type", "get_type"]
 
 
 def declare_type(
-    types: TypeStore, graph: MessageGraph, request: master.DeclareTypeRequest
+    types: TypeStore, in_use: Callable[[], set[str]], request: master.DeclareTypeRequest
 ) -> master.DeclareTypeResponse:
     """A node brings a message type; what no node uses any more may be redefined."""
     try:
         try:
             types.add(request.type_name, request.files)
         except (TypeDefinitionConflict, ConfigError):
-            types.keep_only(graph.types_in_use())
+            types.keep_only(in_use())
             types.add(request.type_name, request.files)
     except TypeDefinitionConflict as conflict:
         return master.DeclareTypeResponse(

@@ -9,6 +9,7 @@ from simple_ros.graph import (
     ChangeKind,
     GraphChange,
     GraphNode,
+    GraphService,
     GraphSnapshot,
     TopicKey,
     edges_between,
@@ -79,7 +80,9 @@ def _from_ns(nanoseconds: int) -> float | None:
     return nanoseconds / _NS if nanoseconds > 0 else None
 
 
-def snapshot_to_proto(nodes: Iterable[GraphNode]) -> master.GraphSnapshot:
+def snapshot_to_proto(
+    nodes: Iterable[GraphNode], services: Iterable[GraphService] = ()
+) -> master.GraphSnapshot:
     """Edges are left out: they follow from the nodes."""
     return master.GraphSnapshot(
         nodes=[
@@ -89,7 +92,11 @@ def snapshot_to_proto(nodes: Iterable[GraphNode]) -> master.GraphSnapshot:
                 subscribes=[_topic_to_proto(key) for key in node.subscribes],
             )
             for node in nodes
-        ]
+        ],
+        services=[
+            master.GraphService(name=item.name, type_name=item.type_name, node_name=item.node)
+            for item in services
+        ],
     )
 
 
@@ -105,7 +112,10 @@ def snapshot_from_proto(message: master.GraphSnapshot) -> GraphSnapshot:
         )
         for node in message.nodes
     )
-    return GraphSnapshot(nodes, edges_between(nodes))
+    services = tuple(
+        GraphService(item.name, item.type_name, item.node_name) for item in message.services
+    )
+    return GraphSnapshot(nodes, edges_between(nodes), services)
 
 
 def change_to_proto(change: GraphChange) -> master.GraphChange:

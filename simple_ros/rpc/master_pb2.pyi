@@ -36,6 +36,8 @@ class _GraphChangeKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Graph
     PUBLISHER_REMOVED: _GraphChangeKind.ValueType  # 4
     SUBSCRIBER_ADDED: _GraphChangeKind.ValueType  # 5
     SUBSCRIBER_REMOVED: _GraphChangeKind.ValueType  # 6
+    SERVICE_ADDED: _GraphChangeKind.ValueType  # 7
+    SERVICE_REMOVED: _GraphChangeKind.ValueType  # 8
 
 class GraphChangeKind(_GraphChangeKind, metaclass=_GraphChangeKindEnumTypeWrapper): ...
 
@@ -46,6 +48,8 @@ PUBLISHER_ADDED: GraphChangeKind.ValueType  # 3
 PUBLISHER_REMOVED: GraphChangeKind.ValueType  # 4
 SUBSCRIBER_ADDED: GraphChangeKind.ValueType  # 5
 SUBSCRIBER_REMOVED: GraphChangeKind.ValueType  # 6
+SERVICE_ADDED: GraphChangeKind.ValueType  # 7
+SERVICE_REMOVED: GraphChangeKind.ValueType  # 8
 Global___GraphChangeKind: _TypeAlias = GraphChangeKind  # noqa: Y015
 
 class _GraphFormat:
@@ -307,20 +311,49 @@ class GraphNode(_message.Message):
 Global___GraphNode: _TypeAlias = GraphNode  # noqa: Y015
 
 @_typing.final
+class GraphService(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    TYPE_NAME_FIELD_NUMBER: _builtins.int
+    NODE_NAME_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    type_name: _builtins.str
+    node_name: _builtins.str
+    def __init__(
+        self,
+        *,
+        name: _builtins.str = ...,
+        type_name: _builtins.str = ...,
+        node_name: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["name", b"name", "node_name", b"node_name", "type_name", b"type_name"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GraphService: _TypeAlias = GraphService  # noqa: Y015
+
+@_typing.final
 class GraphSnapshot(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
     NODES_FIELD_NUMBER: _builtins.int
+    SERVICES_FIELD_NUMBER: _builtins.int
     @_builtins.property
     def nodes(self) -> _containers.RepeatedCompositeFieldContainer[Global___GraphNode]: ...
+    @_builtins.property
+    def services(self) -> _containers.RepeatedCompositeFieldContainer[Global___GraphService]: ...
     def __init__(
         self,
         *,
         nodes: _abc.Iterable[Global___GraphNode] | None = ...,
+        services: _abc.Iterable[Global___GraphService] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["nodes", b"nodes"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["nodes", b"nodes", "services", b"services"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -338,7 +371,7 @@ class GraphChange(_message.Message):
     def node_info(self) -> _ros_rpc_pb2.NodeInfo: ...
     @_builtins.property
     def topic(self) -> _ros_rpc_pb2.TopicInfo:
-        """unset for nodes"""
+        """unset for nodes; for services their name and type"""
 
     def __init__(
         self,

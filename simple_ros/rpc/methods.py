@@ -13,21 +13,27 @@ from google.protobuf.message import Message
 
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import ros_rpc_pb2 as ros
+from simple_ros.rpc import services_pb2 as srv
 
 __all__ = [
     "DECLARE_TYPE",
     "EXPORT_GRAPH",
+    "FIND_SERVICE",
     "GET_NODES",
     "GET_NODE_INFO",
+    "GET_SERVICES",
     "GET_TOPICS",
     "GET_TOPIC_INFO",
     "GET_TYPE",
     "LEASE",
     "MASTER_SERVICE",
     "REGISTER_PUBLISHER",
+    "REGISTER_SERVICE",
     "ROS_RPC_SERVICE",
+    "SERVICE_DIRECTORY",
     "SUBSCRIBE",
     "UNREGISTER_PUBLISHER",
+    "UNREGISTER_SERVICE",
     "UNSUBSCRIBE",
     "WATCH_GRAPH",
     "Method",
@@ -37,6 +43,8 @@ ROS_RPC_SERVICE = "simple_ros.RosRpcService"
 """The eight unary calls shared with C++ simple_ros."""
 MASTER_SERVICE = "simple_ros.MasterService"
 """Lease, watch and export: ours only."""
+SERVICE_DIRECTORY = "simple_ros.ServiceDirectory"
+"""Which services there are: ours only."""
 
 Request = TypeVar("Request", bound=Message)
 Response = TypeVar("Response", bound=Message)
@@ -91,5 +99,20 @@ EXPORT_GRAPH = Method(
 )
 DECLARE_TYPE = Method(
     MASTER_SERVICE, "DeclareType", master.DeclareTypeRequest, master.DeclareTypeResponse
+)
+REGISTER_SERVICE = Method(
+    SERVICE_DIRECTORY, "RegisterService", srv.RegisterServiceRequest, srv.RegisterServiceResponse
+)
+UNREGISTER_SERVICE = Method(
+    SERVICE_DIRECTORY,
+    "UnregisterService",
+    srv.UnregisterServiceRequest,
+    srv.UnregisterServiceResponse,
+)
+GET_SERVICES = Method(
+    SERVICE_DIRECTORY, "GetServices", srv.GetServicesRequest, srv.GetServicesResponse
+)
+FIND_SERVICE = Method(
+    SERVICE_DIRECTORY, "FindService", srv.FindServiceRequest, srv.FindServiceResponse
 )
 GET_TYPE = Method(MASTER_SERVICE, "GetType", master.GetTypeRequest, master.GetTypeResponse)

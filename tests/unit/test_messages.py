@@ -22,17 +22,20 @@ from simple_ros.msg import (
     tf2_msgs,
     visualization_msgs,
 )
+from simple_ros.msg.interfaces import ActionType, ServiceType
 from simple_ros.msg.registry import shipped_packages
 
 PACKAGES = [
     "builtin_interfaces",
     "diagnostic_msgs",
     "example",
+    "example_interfaces",
     "geometry_msgs",
     "nav_msgs",
     "rosgraph_msgs",
     "sensor_msgs",
     "std_msgs",
+    "std_srvs",
     "tf2_msgs",
     "ustc",
     "visualization_msgs",
@@ -103,10 +106,17 @@ class TestFacades:
         file = generated.DESCRIPTOR
         enums = file.enum_types_by_name
         values = {name for enum in enums.values() for name in enum.values_by_name}
-        assert set(facade.__all__) == {*file.message_types_by_name, *enums, *values}
+        joined = {
+            name: value
+            for name, value in vars(facade).items()
+            if isinstance(value, ServiceType | ActionType)
+        }
+        assert set(facade.__all__) == {*file.message_types_by_name, *enums, *values, *joined}
         assert len(set(facade.__all__)) == len(facade.__all__)
-        for name in facade.__all__:
+        for name in set(facade.__all__) - joined.keys():
             assert getattr(facade, name) is getattr(generated, name)
+        for name, value in joined.items():
+            assert value.name == f"{package}.{name}"
 
     @pytest.mark.parametrize("package", PACKAGES)
     def test_file_name_is_the_package_name(self, package: str) -> None:
