@@ -6,80 +6,33 @@ import asyncio
 import json
 import signal
 import socket
-import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
 from google.protobuf import descriptor_pb2
 from google.protobuf.message import Message
-from google.protobuf.timestamp_pb2 import Timestamp
-from support.processes import Process, python
+from support.cli import PROGRAM, flowing, following, register, run, run_json
+from support.processes import python
 from support.waiting import until
 
-from simple_ros.aio import NodeHandle, Publisher, Subscriber
+from simple_ros.aio import NodeHandle, Subscriber
 from simple_ros.msg.definitions import message_class
 from simple_ros.msg.geometry_msgs import Twist, Vector3
-from simple_ros.msg.std_msgs import Header, String
-from simple_ros.net.master_client import MasterClient
+from simple_ros.msg.std_msgs import String
 from simple_ros.qos import LATCHED, SENSOR_DATA
-from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros_master import Master
-
-PROGRAM = ("-m", "simple_ros.cli.main")
-
-
-async def run(*arguments: str) -> tuple[int, str, str]:
-    """Exit code, stdout and stderr of ``simple-ros`` with these arguments."""
-    async with python(*PROGRAM, *arguments) as process:
-        assert process.process.stdout is not None
-        stdout = (await process.process.stdout.read()).decode()
-        return await process.wait(), stdout, await process.errors()
-
-
-async def run_json(*arguments: str) -> Any:
-    code, stdout, stderr = await run(*arguments, "--json")
-    assert (code, stderr) == (0, "")
-    return json.loads(stdout)
 
 
 def lines(*texts: str) -> str:
     return "".join(f"{text}\n" for text in texts)
 
 
-@asynccontextmanager
-async def following(*arguments: str) -> AsyncIterator[Process]:
-    """A command that goes on until Ctrl-C, which has to end it with code 0 and no word."""
-    async with python(*PROGRAM, *arguments) as process:
-        yield process
-        process.signal(signal.SIGINT)
-        assert await process.wait() == 0
-        assert await process.errors() == ""
-
-
 @pytest.fixture
 async def node(master: Master) -> AsyncIterator[NodeHandle]:
     async with NodeHandle("robot", master=master.address) as node:
         yield node
-
-
-async def flow(publisher: Publisher[Any], message: Message) -> None:
-    """A steady flow of one message, until cancelled."""
-    while True:
-        publisher.publish(message)
-        await asyncio.sleep(0.01)
-
-
-@asynccontextmanager
-async def flowing(publisher: Publisher[Any], message: Message) -> AsyncIterator[None]:
-    task = asyncio.create_task(flow(publisher, message))
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.wait([task])
 
 
 class TestNode:
@@ -141,19 +94,22 @@ class TestNode:
         with socket.socket() as holder:  # bound and not listening: nobody answers
             holder.bind(("127.0.0.1", 0))
             port = holder.getsockname()[1]
-            await register(master, ros.NodeInfo(node_name="ghost", ip="127.0.0.1", port=port))
-            code, stdout, stderr = await run(
-                "node", "ping", "ghost", "-n", "1", "--master", master.address
+            await register(
+                master.address, ros.NodeInfo(node_name="ghost", ip="127.0.0.1", port=port)
             )
-        assert (code, stderr) == (1, "")
-        assert stdout == f"ghost at 127.0.0.1:{port}: nobody listens\n0 of 1 answered\n"
-
-
-async def register(master: Master, info: ros.NodeInfo, msg_type: str = "their_msgs.Thing") -> None:
-    """Make the Master know a publisher of ``things`` without a node of ours."""
-    request = ros.RegisterPublisherRequest(topic_name="things", msg_type=msg_type, node_info=info)
-    async with MasterClient(master.address) as client:
-        await client.call(methods.REGISTER_PUBLISHER, request)
+            command = ("node", "ping", "ghost", "-n", "1", "--master", master.address)
+            shown, in_json = await asyncio.gather(run(*command), run(*command, "--json"))
+        assert shown == (1, f"ghost at 127.0.0.1:{port}: nobody listens\n0 of 1 answered\n", "")
+        assert (in_json[0], in_json[2]) == (1, "")
+        assert json.loads(in_json[1]) == {
+            "name": "ghost",
+            "ip": "127.0.0.1",
+            "port": port,
+            "addresses": [],
+            "listens": False,
+            "connect_ms": None,
+            "problem": "nobody listens",
+        }
 
 
 class TestTopic:
@@ -245,34 +201,12 @@ class TestTopic:
                 assert await echo.wait() == 0
             assert await echo.errors() == ""
 
-    async def test_measurements_a_second(self, master: Master, node: NodeHandle) -> None:
-        publisher = await node.advertise("header", Header)
-        stamp = Timestamp()
-        stamp.FromNanoseconds(time.time_ns() - 10 * 10**9)
-        at = ("header", "--master", master.address)
-        async with (
-            following("topic", "hz", *at) as hz,
-            following("topic", "bw", *at) as bw,
-            following("topic", "delay", *at) as delay,
-            following("topic", "hz", "--window", "5", "--json", *at) as hz_json,
-        ):
-            await publisher.wait_for_subscribers(4)
-            async with flowing(publisher, Header(stamp=stamp, frame_id="base")):
-                assert "Hz, period min " in await measured(hz)
-                assert "/s, size mean " in await measured(bw)
-                assert (await measured(delay)).startswith("delay mean 1")
-                while (facts := json.loads(await hz_json.line()))["window"] < 5:
-                    pass
-                assert 10 < facts["rate_hz"] < 200
-            while await hz.line() != "no new messages":
-                pass
-
     async def test_unknown_types_can_be_measured_and_not_shown(
         self, master: Master, node: NodeHandle
     ) -> None:
         # Another name than the fixture's, which it would take over.
         info = ros.NodeInfo(node_name="foreign_robot", ip="127.0.0.1", port=node.port)
-        await register(master, info)
+        await register(master.address, info)
         command = ("things", "--master", master.address)
         expected = "error: topic 'things' carries their_msgs.Thing, a type that is unknown here\n"
         echo, delay = await asyncio.gather(
@@ -310,13 +244,6 @@ def beacon() -> type[Message]:
     return message_class(descriptor_pb2.FileDescriptorSet(file=[file]), "lab.Beacon")
 
 
-async def measured(process: Process) -> str:
-    """The first line that tells a measurement."""
-    while (line := await process.line()) in ("no new messages", "not enough messages yet"):
-        pass
-    return line
-
-
 class TestPub:
     async def received(self, node: NodeHandle) -> tuple[list[str], Subscriber[String]]:
         texts: list[str] = []
@@ -333,6 +260,28 @@ class TestPub:
         assert once == three == (0, "", "")
         await until(lambda: len(texts) == 4)
         assert sorted(texts) == ["many", "many", "many", "once"]
+
+    async def test_what_was_sent_in_json(self, master: Master, node: NodeHandle) -> None:
+        _, subscriber = await self.received(node)
+        command = ("topic", "pub", "/chatter", "String", "data: a", "--rate", "200")
+        at = ("--json", "--master", master.address)
+        counted, followed = await asyncio.gather(
+            run(*command, "-n", "3", *at), self.followed(subscriber, *command, *at)
+        )
+        told = {"topic": "chatter", "msg": "std_msgs.String", "dropped": 0, "waiting": 0}
+        assert (counted[0], counted[2]) == (0, "")
+        assert json.loads(counted[1]) == told | {"published": 3, "sent": 3}
+        assert followed.pop("published") >= followed.pop("sent") > 3
+        assert followed == told
+
+    async def followed(self, subscriber: Subscriber[String], *command: str) -> dict[str, Any]:
+        """What it tells after Ctrl-C."""
+        async with python(*PROGRAM, *command) as pub:
+            await until(lambda: subscriber.statistics.received > 10)
+            pub.signal(signal.SIGINT)
+            told: dict[str, Any] = json.loads(await pub.line())
+            assert await pub.wait() == 0
+            return told
 
     async def test_it_goes_on_until_ctrl_c(self, master: Master, node: NodeHandle) -> None:
         texts, _ = await self.received(node)
