@@ -19,6 +19,11 @@ from simple_ros.errors import (
     NodeNameTaken,
     QueueFull,
     RegistrationRefused,
+    RemoteServiceError,
+    ServiceCallError,
+    ServiceTimeout,
+    ServiceTypeMismatch,
+    ServiceUnavailable,
     SimpleRosError,
     TopicTypeMismatch,
     TypeDefinitionConflict,
@@ -45,8 +50,9 @@ from simple_ros.qos import (
 from simple_ros.schedule import TimerEvent
 
 if TYPE_CHECKING:
-    from simple_ros.blocking import Publisher, Subscriber, Timer
+    from simple_ros.blocking import Publisher, ServiceClient, ServiceServer, Subscriber, Timer
     from simple_ros.message_queue import CallbackGroup, MessageQueue
+    from simple_ros.msg.interfaces import ServiceType
     from simple_ros.rpc_client import RosRpcClient
     from simple_ros.system_manager import NodeHandle, SystemManager
 
@@ -82,7 +88,15 @@ __all__ = [
     "QueueFull",
     "RegistrationRefused",
     "Reliability",
+    "RemoteServiceError",
     "RosRpcClient",
+    "ServiceCallError",
+    "ServiceClient",
+    "ServiceServer",
+    "ServiceTimeout",
+    "ServiceType",
+    "ServiceTypeMismatch",
+    "ServiceUnavailable",
     "SimpleRosError",
     "Subscriber",
     "SystemManager",
@@ -101,6 +115,9 @@ _LAZY = {
     "NodeHandle": "simple_ros.system_manager",
     "Publisher": "simple_ros.blocking",
     "RosRpcClient": "simple_ros.rpc_client",
+    "ServiceClient": "simple_ros.blocking",
+    "ServiceServer": "simple_ros.blocking",
+    "ServiceType": "simple_ros.msg.interfaces",
     "Subscriber": "simple_ros.blocking",
     "SystemManager": "simple_ros.system_manager",
     "Timer": "simple_ros.blocking",

@@ -27,14 +27,21 @@ from simple_ros.net.master_client import MasterClient
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher, PublisherStatistics
 from simple_ros.schedule import TimerEvent
+from simple_ros.service_client import ServiceClient
+from simple_ros.service_server import ServiceServer, ServiceStatistics
 from simple_ros.subscriber import Subscriber, SubscriberStatistics
 from simple_ros.timers import Timer
+from simple_ros.wire.calls import AdaptiveTimeout
 
 __all__ = [
+    "AdaptiveTimeout",
     "MasterClient",
     "NodeHandle",
     "Publisher",
     "PublisherStatistics",
+    "ServiceClient",
+    "ServiceServer",
+    "ServiceStatistics",
     "Subscriber",
     "SubscriberStatistics",
     "Timer",

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, cast
 
 from google.protobuf.message import DecodeError, Message
 
@@ -19,7 +19,9 @@ from simple_ros.qos import QosProfile, incompatibilities, strictest, weakest
 from simple_ros.router import Router
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import ros_rpc_pb2 as ros
+from simple_ros.rpc import services_pb2 as srv
 from simple_ros.rpc.convert import qos_from_proto
+from simple_ros.service_server import ServiceServer
 from simple_ros.subscriber import Subscriber
 from simple_ros.wire.session import EndpointKey, EndpointKind, Target
 
@@ -27,7 +29,7 @@ __all__ = ["Endpoints"]
 
 logger = logging.getLogger(__name__)
 
-Endpoint = Publisher[Any] | Subscriber[Any]
+Endpoint = Publisher[Any] | Subscriber[Any] | ServiceServer[Any, Any]
 
 
 class Endpoints:
@@ -83,14 +85,31 @@ class Endpoints:
     def qos_of(self, key: EndpointKey) -> QosProfile | None:
         """What the handles of a registration offer or request, taken together."""
         group = self._handles.get(key)
-        if not group:
+        if not group or key.kind is EndpointKind.SERVICE:
             return None
         together = weakest if key.kind is EndpointKind.PUBLISHER else strictest
         return together([handle.qos for handle in group])
 
-    def definition_of(self, key: EndpointKey) -> type[Message] | None:
-        """The protobuf class of a registration's messages, if it is known."""
-        return self._definitions.get(key.msg_type)
+    def definitions_of(self, key: EndpointKey) -> tuple[type[Message], ...]:
+        """The protobuf classes of a registration's messages, as far as they are known."""
+        if key.kind is EndpointKind.SERVICE:
+            return tuple(self.of(key)[0].definitions) if self.of(key) else ()
+        known = self._definitions.get(key.msg_type)
+        return () if known is None else (known,)
+
+    def service_info(self, key: EndpointKey, node_info: ros.NodeInfo) -> srv.ServiceInfo:
+        """What the Master is told about a service."""
+        handles = self.of(key)
+        info = handles[0].info() if handles else srv.ServiceInfo(name=key.topic)
+        info.node_info.CopyFrom(node_info)
+        return info
+
+    def service_named(self, name: str) -> ServiceServer[Any, Any] | None:
+        """A service this node provides, or None."""
+        for key, handle in self._all(EndpointKind.SERVICE):
+            if key.topic == name:
+                return cast("ServiceServer[Any, Any]", handle)
+        return None
 
     async def flush(self, allowance_s: float) -> None:
         """Send what still waits, for at most so long."""
@@ -196,7 +215,7 @@ class Endpoints:
         logger.warning("TopicTypeMismatch: %s", error)
         event = TypeConflict(conflict.topic, conflict.node_name, conflict.msg_type)
         for key, handle in self._all():
-            if key.topic == conflict.topic:
+            if key.topic == conflict.topic and key.kind is not EndpointKind.SERVICE:
                 handle.report(event)
 
     def _qos_conflict(self, conflict: master.QosConflictNotice) -> None:

@@ -15,6 +15,11 @@ Each error also inherits the builtin a caller would expect and carries its facts
     ├── RegistrationRefused    RuntimeError     the Master said no
     ├── NodeNameTaken          RuntimeError     a newer node runs under this node's name
     ├── TopicTypeMismatch      TypeError        the topic carries another message type
+    ├── ServiceTypeMismatch    TypeError        the service has another type
+    ├── ServiceCallError       Exception        a call of a service did not succeed
+    │   ├── ServiceUnavailable ConnectionError  nobody provides it, or its provider is gone
+    │   ├── ServiceTimeout     TimeoutError     no answer in time
+    │   └── RemoteServiceError RuntimeError     its handler raised an exception
     └── TypeDefinitionConflict TypeError        a message type is known with another definition
 """
 
@@ -33,6 +38,11 @@ __all__ = [
     "NodeNameTaken",
     "QueueFull",
     "RegistrationRefused",
+    "RemoteServiceError",
+    "ServiceCallError",
+    "ServiceTimeout",
+    "ServiceTypeMismatch",
+    "ServiceUnavailable",
     "SimpleRosError",
     "TopicTypeMismatch",
     "TypeDefinitionConflict",
@@ -219,3 +229,59 @@ class TypeDefinitionConflict(SimpleRosError, TypeError):
             f"{type_name} is already known with another definition "
             f"(- as known, + as given):\n{difference}"
         )
+
+
+class ServiceTypeMismatch(SimpleRosError, TypeError):
+    """A service has another type than its client.
+
+    Attributes:
+        service: Its name.
+        wanted: The client's type.
+        found: The provider's type.
+        node: Who provides it.
+    """
+
+    def __init__(self, service: str, wanted: str, found: str, node: str) -> None:
+        self.service = service
+        self.wanted = wanted
+        self.found = found
+        self.node = node
+        super().__init__(f"service {service!r} of node {node!r} has type {found}, not {wanted}")
+
+
+class ServiceCallError(SimpleRosError):
+    """A call of a service did not succeed.
+
+    Attributes:
+        service: Its name.
+        reason: Why.
+    """
+
+    def __init__(self, service: str, reason: str) -> None:
+        self.service = service
+        self.reason = reason
+        super().__init__(f"service {service!r}: {reason}")
+
+
+class ServiceUnavailable(ServiceCallError, ConnectionError):
+    """Nobody provides the service, or its provider is gone. Whether the call was begun is not known."""
+
+
+class ServiceTimeout(ServiceCallError, TimeoutError):
+    """No answer in time; the provider was told to stop."""
+
+
+class RemoteServiceError(ServiceCallError, RuntimeError):
+    """The handler of a service raised an exception.
+
+    Attributes:
+        node: Who provides it.
+        type: Name of the exception's class.
+        message: Its text.
+    """
+
+    def __init__(self, service: str, node: str, type: str, message: str) -> None:  # noqa: A002
+        self.node = node
+        self.type = type
+        self.message = message
+        super().__init__(service, f"node {node!r} raised {type}: {message}")

@@ -64,6 +64,7 @@ class Executor:
         self._busy: set[CallbackGroup] = set()
         self._events = self.queue.add_subscriber(_EVENTS, lambda call: call(), depth=1000)
         self._stopped = False
+        self._spinners: list[int] = []
 
     # -- what is to be done --------------------------------------------------------------------
 
@@ -115,6 +116,17 @@ class Executor:
     def run_due(self) -> int:
         """Call everything that is due now; return how many calls that were."""
         now = time.monotonic()
+        self._spinners.append(threading.get_ident())
+        try:
+            return self._run_due(now)
+        finally:
+            self._spinners.remove(threading.get_ident())
+
+    def is_only_thread(self, thread: int) -> bool:
+        """Whether that thread makes calls now and no other one does: what it waits for never comes."""
+        return set(self._spinners) == {thread}
+
+    def _run_due(self, now: float) -> int:
         calls = sum(timer.call_if_due(now) for timer in list(self._timers))
         return calls + self.queue.process_callbacks()
 
@@ -169,6 +181,13 @@ class Executor:
             thread.join()
 
     def _spin_shared(self) -> None:
+        self._spinners.append(threading.get_ident())
+        try:
+            self._spin_until_stopped()
+        finally:
+            self._spinners.remove(threading.get_ident())
+
+    def _spin_until_stopped(self) -> None:
         while not self._stopped:
             with self._condition:
                 seen = self._arrivals

@@ -22,6 +22,7 @@ from simple_ros.net.feeder import Source
 from simple_ros.net.master_client import MasterClient, MasterConnector, MasterDouble
 from simple_ros.net.server import NodeServer
 from simple_ros.net.transport import TCP, TransportChoice, chosen_transports
+from simple_ros.node_services import ServiceMethods
 from simple_ros.publisher import Publisher
 from simple_ros.qos import DEFAULT, QosProfile
 from simple_ros.registration import Registrar
@@ -45,7 +46,7 @@ _FLUSH_S = 0.4
 _nodes: dict[str, NodeHandle] = {}
 
 
-class NodeHandle:
+class NodeHandle(ServiceMethods):
     """A node of the message graph, on the running event loop.
 
     Use it as ``async with NodeHandle("talker") as node:``, or call `start` and `close`. Several nodes
@@ -93,8 +94,10 @@ class NodeHandle:
                 SHUTDOWN_TYPE: self._shutdown_came,
             },
             self._link_ended,
+            lambda link, name, kind: self.lanes.find(link, name, kind),
         )
         self.endpoints = Endpoints(self.name, self.router)
+        self._init_services()
         self._wanted_port = port
         self._max_message_bytes = max_message_bytes
         self._server: NodeServer | None = None
@@ -183,6 +186,8 @@ class NodeHandle:
 
     def _abandon(self, caller: asyncio.Task[Any] | None = None) -> None:
         self.endpoints.abandon(caller)
+        self.providers.close()
+        self.lanes.is_closed = True
         for timer in list(self._timers):
             timer.close_sparing(caller)
         self.router.close()
@@ -244,6 +249,14 @@ class NodeHandle:
     def dropped_messages(self) -> BadMessages:
         """What arrived and could not be delivered, by cause."""
         return self.router.bad
+
+    def resolve_name(self, name: str, kind: str) -> str:
+        """The canonical name of a topic, service, action or parameter, as this node means it.
+
+        Raises:
+            InvalidName: The name breaks the rules.
+        """
+        return names.topic_name(name)
 
     def _live_registrar(self) -> Registrar:
         if self.failure is not None:
@@ -495,6 +508,7 @@ class NodeHandle:
         self.endpoints.push_came(link, payload, ends_matter=is_foreign)
 
     def _link_ended(self, link: Source) -> None:
+        self.lanes.link_ended(link)
         if self._registrar is not None:
             self.endpoints.link_ended(link, self._registrar.push_connection_ended)
 

@@ -30,6 +30,7 @@ from simple_ros.net.addresses import join_address
 from simple_ros.net.master_client import ForeignMaster, LeaseStream, MasterConnector
 from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
+from simple_ros.rpc import services_pb2 as srv
 from simple_ros.rpc.convert import qos_to_proto
 from simple_ros.tasks import first_of, run_all, said_when_slow
 from simple_ros.wire.session import Backoff, EndpointKey, EndpointKind, Registrations
@@ -251,6 +252,8 @@ class Registrar:
     async def _tell(self, key: EndpointKey) -> Exception | None:
         """Register; return why the Master refused, if it did."""
         await self._declare(key)
+        if key.kind is EndpointKind.SERVICE:
+            return await self._tell_service(key)
         self._endpoints.registering(key.topic)
         fields: dict[str, Any] = {
             "topic_name": key.topic,
@@ -272,16 +275,25 @@ class Registrar:
             self._registrations.told(key)
         return self._refusal(key, response)
 
+    async def _tell_service(self, key: EndpointKey) -> Exception | None:
+        info = self._endpoints.service_info(key, self._identity.node_info())
+        answer = await self.client.call(
+            methods.REGISTER_SERVICE, srv.RegisterServiceRequest(service=info)
+        )
+        self._registrations.told(key)
+        return None if answer.success else RegistrationRefused(answer.message)
+
     async def _declare(self, key: EndpointKey) -> None:
-        """Give the Master the definition of a type of the user's, once in its life."""
-        message_class = self._endpoints.definition_of(key)
-        if message_class is None or key.msg_type in self._declared or self.is_foreign:
-            return
-        if not message_class.DESCRIPTOR.file.name.startswith(_SHIPPED):
-            # A Master of ours that is older has no such call; its tools know fewer types.
-            with contextlib.suppress(ForeignMaster):
-                await self.client.declare_type(message_class)
-        self._declared.add(key.msg_type)
+        """Give the Master the definitions of the user's types, once in its life."""
+        for message_class in self._endpoints.definitions_of(key):
+            name = message_class.DESCRIPTOR.full_name
+            if name in self._declared or self.is_foreign:
+                continue
+            if not message_class.DESCRIPTOR.file.name.startswith(_SHIPPED):
+                # A Master of ours that is older has no such call; its tools know fewer types.
+                with contextlib.suppress(ForeignMaster):
+                    await self.client.declare_type(message_class)
+            self._declared.add(name)
 
     def _refusal(
         self, key: EndpointKey, response: ros.SubscribeResponse | ros.RegisterPublisherResponse
@@ -326,6 +338,12 @@ class Registrar:
                 said.set()
 
     async def _unregistered(self, key: EndpointKey) -> None:
+        if key.kind is EndpointKind.SERVICE:
+            await self.client.call(
+                methods.UNREGISTER_SERVICE,
+                srv.UnregisterServiceRequest(name=key.topic, node_info=self._identity.node_info()),
+            )
+            return
         fields: dict[str, Any] = {
             "topic_name": key.topic,
             "msg_type": key.msg_type,

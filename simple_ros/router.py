@@ -59,6 +59,19 @@ class Sink(Protocol):
         """A link that brings its messages came or went."""
 
 
+class Lane(Protocol):
+    """Where the frames of one link with one header go."""
+
+    def offer(self, payloads: list[memoryview], resume: Callable[[], None], *, force: bool) -> int:
+        """Take frames; see `Receiver.receive`."""
+
+    def oversized(self, size: int) -> None:
+        """A frame was too large to be delivered."""
+
+    def link_ended(self, link: Source) -> None:
+        """A link that uses this lane has ended."""
+
+
 class BadMessages:
     """Counts what was dropped, by cause, and logs each cause and topic once.
 
@@ -134,6 +147,15 @@ class Route:
         self.expect_life()
         for sink in self.sinks:
             sink.sources_changed()
+
+    def link_ended(self, link: Source) -> None:
+        """A link that brought messages has ended."""
+        self.sources.discard(link)
+        self.sources_changed()
+
+    def oversized(self, size: int) -> None:
+        """A message was too large."""
+        self._bad.add("oversized", self.topic, f"{size} bytes are over the limit")
 
     def offer(self, payloads: list[memoryview], resume: Callable[[], None], *, force: bool) -> int:
         """Deliver as much as the queues take; see `Receiver.receive`."""
@@ -231,18 +253,22 @@ class Router:
         on_control: What to call, with the link and the payload, for each frame of certain types,
             whatever its topic: pushes of a Master, say.
         on_link_ended: Called with each link that ended.
+        find_lane: Asked, with the link, the name and the type of frames that no subscription is for,
+            where they go; None if nowhere.
     """
 
     def __init__(
         self,
         on_control: Mapping[str, Callable[[Source, bytes], None]],
         on_link_ended: Callable[[Source], None],
+        find_lane: Callable[[Source, str, str], Lane | None] = lambda *_: None,
     ) -> None:
         self.bad = BadMessages()
         self._on_control = on_control
         self._on_link_ended = on_link_ended
         self._routes: dict[tuple[str, str], Route] = {}
-        self._by_link: dict[Source, dict[bytes, Route]] = {}
+        self._find_lane = find_lane
+        self._by_link: dict[Source, dict[bytes, Lane]] = {}
         self.local_links: dict[Source, Callable[[], None]] = {}
 
     def add(self, topic: str, msg_type: str, parse: Callable[[Any], Any], sink: Sink) -> Route:
@@ -278,12 +304,12 @@ class Router:
         if route is None:
             return len(run.payloads)
         if run.oversized:
-            self.bad.add("oversized", route.topic, f"{run.oversized} bytes are over the limit")
+            route.oversized(run.oversized)
             return 0
         return route.offer(run.payloads, resume, force=force)
 
-    def _find(self, link: Source, run: Run) -> Route | None:
-        """The route of a header this link has not brought yet; None if handled otherwise."""
+    def _find(self, link: Source, run: Run) -> Lane | None:
+        """The lane of a header this link has not brought yet; None if handled otherwise."""
         count = len(run.payloads) or 1
         names = header_names(run.header)
         if names is None:
@@ -296,6 +322,10 @@ class Router:
                 control(link, bytes(payload))
             return None
         topic = canonical(spelling)
+        lane = self._find_lane(link, topic, msg_type)
+        if lane is not None:
+            self._by_link.setdefault(link, {})[run.header] = lane
+            return lane
         route = self._routes.get((topic, msg_type))
         if route is None:
             self._undeliverable(topic, msg_type, count)
@@ -327,7 +357,6 @@ class Router:
 
     def link_ended(self, link: Source) -> None:
         """A link is gone."""
-        for route in self._by_link.pop(link, {}).values():
-            route.sources.discard(link)
-            route.sources_changed()
+        for lane in self._by_link.pop(link, {}).values():
+            lane.link_ended(link)
         self._on_link_ended(link)

@@ -7,7 +7,8 @@ crosses to that thread in one piece.
 
 from simple_ros.blocking.node import BlockingNode
 from simple_ros.blocking.publisher import Publisher
+from simple_ros.blocking.service import ServiceClient, ServiceServer
 from simple_ros.blocking.subscriber import Subscriber
 from simple_ros.blocking.timer import Timer
 
-__all__ = ["BlockingNode", "Publisher", "Subscriber", "Timer"]
+__all__ = ["BlockingNode", "Publisher", "ServiceClient", "ServiceServer", "Subscriber", "Timer"]

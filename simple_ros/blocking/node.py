@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, overload
 
+from simple_ros.blocking.node_services import ServiceMethods
 from simple_ros.blocking.publisher import Publisher
 from simple_ros.blocking.subscriber import Subscriber
 from simple_ros.blocking.timer import Timer
@@ -24,7 +25,7 @@ __all__ = ["BlockingNode"]
 MessageT = TypeVar("MessageT")
 
 
-class BlockingNode:
+class BlockingNode(ServiceMethods):
     """A node on the background loop, whose callbacks run where an executor spins.
 
     What `simple_ros.system_manager.NodeHandle` is made of.

@@ -11,7 +11,7 @@ from simple_ros.cli.text import json_line, say
 if TYPE_CHECKING:
     from simple_ros.graph import GraphChange, GraphSnapshot
 
-__all__ = ["watch"]
+__all__ = ["change_json", "change_line", "watch"]
 
 _DOES = {"publisher": "publishes", "subscriber": "subscribes", "service": "provides"}
 
@@ -30,10 +30,11 @@ async def watch(master: str | None, format: Format, filter: str) -> None:  # noq
                 graph = filtered(event, filter) if filter else event
                 say(_snapshot_json(graph) if as_json else shown(written(graph, format), format))
             elif wanted in event.node or (event.key is not None and wanted in event.key.topic):
-                say(_change_json(event) if as_json else shown(_change_line(event), format))
+                say(change_json(event) if as_json else shown(change_line(event), format))
 
 
-def _change_line(change: GraphChange) -> str:
+def change_line(change: GraphChange) -> str:
+    """A change for people."""
     what, _, happened = change.kind.value.partition("_")
     sign = "+" if happened == "added" else "-"
     if change.key is None:
@@ -42,11 +43,16 @@ def _change_line(change: GraphChange) -> str:
     return f"{sign} {change.node} {does} {change.key.topic} : {change.key.msg_type}"
 
 
-def _change_json(change: GraphChange) -> str:
+def change_json(change: GraphChange) -> str:
+    """A change for programs."""
+    from simple_ros.graph import ChangeKind
+
     line: dict[str, Any] = {"event": change.kind.value, "name": change.node}
     line |= {"ip": change.ip, "port": change.port}
     if change.key is not None:
-        line |= {"topic": change.key.topic, "msg": change.key.msg_type}
+        is_service = change.kind in (ChangeKind.SERVICE_ADDED, ChangeKind.SERVICE_REMOVED)
+        name, type_name = ("service", "type") if is_service else ("topic", "msg")
+        line |= {name: change.key.topic, type_name: change.key.msg_type}
     return json_line(line)
 
 

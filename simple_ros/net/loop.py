@@ -56,6 +56,10 @@ class BackgroundLoop:
             future.cancel()
             raise
 
+    def submit(self, coroutine: Coroutine[Any, Any, Result]) -> Future[Result]:
+        """Run in the background; the result is the future's."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+
     def call_soon(self, function: Callable[..., object], *args: Any) -> None:
         """Call on the loop's thread, soon; nothing is returned."""
         self._loop.call_soon_threadsafe(function, *args)

@@ -12,6 +12,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable, Sequence
+from typing import cast
 
 from simple_ros.net.addresses import connection_state, join_address, keep_alive
 from simple_ros.net.transport import TCP, Transport, Way, ways_to
@@ -201,11 +202,11 @@ class OutboundLink(asyncio.Protocol):
         return f"{self.target.node or 'node'} at {join_address(*self.target.key)}"
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
+        # uvloop's transports are none of asyncio's by class.
+        self._transport = cast("asyncio.Transport", transport)
         # High water at zero: the transport tells at once when a send did not fit the socket.
-        transport.set_write_buffer_limits(high=0)
+        self._transport.set_write_buffer_limits(high=0)
         keep_alive(transport.get_extra_info("socket"))
-        self._transport = transport
         self._max_write = self._way.transport.max_write_bytes if self._way is not None else None
         self._paused = False
         self.connects += 1

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import socket
 from collections.abc import Callable, Iterable
+from typing import cast
 
 from simple_ros.errors import AddressInUse
 from simple_ros.net.addresses import join_address, keep_alive, listening_socket
@@ -21,7 +22,7 @@ _ACCEPT_AGAIN_S = 1.0
 
 
 class InboundLink(asyncio.BufferedProtocol):
-    """One accepted connection. Nothing is ever written back.
+    """One accepted connection. Only clients of services are answered on it.
 
     Attributes:
         peer: ``host:port`` of the other side, or what its transport calls it.
@@ -35,11 +36,12 @@ class InboundLink(asyncio.BufferedProtocol):
         self._decoder = FrameDecoder(max_message_bytes)
         self._transport: asyncio.Transport | None = None
         self._ended = False
+        self._answers_wait = False
         self._feeder = Feeder(self, receiver, self._pause, self._go_on)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+        # uvloop's transports are none of asyncio's by class.
+        self._transport = cast("asyncio.Transport", transport)
         self.peer = _peer_name(transport.get_extra_info("peername"))
         keep_alive(transport.get_extra_info("socket"))
 
@@ -56,6 +58,20 @@ class InboundLink(asyncio.BufferedProtocol):
             assert self._transport is not None
             self._transport.abort()
 
+    def write(self, data: bytes) -> None:
+        """Answer a client. One that does not read its answers is not read any more either."""
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.write(data)
+
+    def pause_writing(self) -> None:
+        self._answers_wait = True
+        self._pause()
+
+    def resume_writing(self) -> None:
+        self._answers_wait = False
+        if not self._feeder.is_stalled:
+            self._go_on()
+
     def _pause(self) -> None:
         assert self._transport is not None
         self._transport.pause_reading()
@@ -63,7 +79,9 @@ class InboundLink(asyncio.BufferedProtocol):
     def _go_on(self) -> None:
         if self._ended:
             self._receiver.link_ended(self)
-        elif self._transport is not None and not self._transport.is_closing():
+        elif self._transport is not None and not (
+            self._answers_wait or self._transport.is_closing()
+        ):
             self._transport.resume_reading()
 
     def eof_received(self) -> bool:

@@ -17,6 +17,7 @@ from simple_ros.node import local_node
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
+from simple_ros.rpc import services_pb2 as srv
 from simple_ros.rpc.methods import Method
 
 __all__ = ["FakeMaster"]
@@ -25,7 +26,7 @@ __all__ = ["FakeMaster"]
 class FakeMaster:
     """Joins publishers and subscribers of one event loop: ``NodeHandle("a", master=fake)``.
 
-    It matches topics and tells publishers who subscribes, keeps leases, and answers the queries of
+    It matches topics and tells publishers who subscribes, lists services, keeps leases, and answers the queries of
     `MasterClient`. It refuses nothing: conflicts of types, names and QoS are the real Master's business.
 
     Attributes:
@@ -43,6 +44,8 @@ class FakeMaster:
         self._publishers: dict[str, dict[str, ros.NodeInfo]] = {}
         self._subscribers: dict[str, dict[str, ros.NodeInfo]] = {}
         self._types = TypeStore()
+        self._services: dict[str, srv.ServiceInfo] = {}
+        self._news = asyncio.Event()
         self._back = asyncio.Event()
         self._back.set()
 
@@ -71,6 +74,7 @@ class FakeMaster:
         self._back.clear()
         self._publishers.clear()
         self._subscribers.clear()
+        self._services.clear()
         for lease in list(self._leases.values()):
             lease.lose()
         self._leases.clear()
@@ -97,6 +101,8 @@ class FakeMaster:
         if not self._is_up:
             raise MasterUnavailable(self.address)
         self.calls.append(method.name)
+        if method.name == methods.FIND_SERVICE.name:
+            return await self._find_service(request)
         handler = self._handlers().get(method.name)
         if handler is None:
             raise ForeignMaster(self.address)
@@ -113,6 +119,9 @@ class FakeMaster:
             methods.GET_TOPIC_INFO.name: self._get_topic_info,
             methods.DECLARE_TYPE.name: self._declare_type,
             methods.GET_TYPE.name: self._get_type,
+            methods.REGISTER_SERVICE.name: self._register_service,
+            methods.UNREGISTER_SERVICE.name: self._unregister_service,
+            methods.GET_SERVICES.name: self._get_services,
         }
 
     def _register_publisher(self, request: Any) -> Any:
@@ -181,6 +190,25 @@ class FakeMaster:
         files = self._types.get(request.type_name)
         return master.GetTypeResponse(known=files is not None, files=files)
 
+    def _register_service(self, request: Any) -> Any:
+        self._services[canonical(request.service.name)] = request.service
+        self._news.set()
+        return srv.RegisterServiceResponse(success=True)
+
+    def _unregister_service(self, request: Any) -> Any:
+        self._services.pop(canonical(request.name), None)
+        return srv.UnregisterServiceResponse()
+
+    def _get_services(self, request: Any) -> Any:
+        names = [name for name in sorted(self._services) if request.filter in name]
+        return srv.GetServicesResponse(services=[self._services[name] for name in names])
+
+    async def _find_service(self, request: Any) -> Any:
+        while (found := self._services.get(canonical(request.name))) is None and request.wait:
+            self._news.clear()
+            await self._news.wait()
+        return srv.FindServiceResponse(found=found is not None, service=found)
+
     def _push(self, topic: str, add: Any = (), remove: Any = ()) -> None:
         update = ros.TopicTargetsUpdate(topic=topic, add_targets=add, remove_targets=remove)
         for instance_id in self._publishers.get(topic, {}):
@@ -201,6 +229,12 @@ class FakeMaster:
             return
         for users in self._publishers.values():
             users.pop(lease.info.instance_id, None)
+        instance_id = lease.info.instance_id
+        self._services = {
+            name: info
+            for name, info in self._services.items()
+            if info.node_info.instance_id != instance_id
+        }
         for topic, users in self._subscribers.items():
             gone = users.pop(lease.info.instance_id, None)
             if gone is not None:

@@ -178,11 +178,15 @@ class EndpointKind(Enum):
 
     PUBLISHER = "publisher"
     SUBSCRIBER = "subscriber"
+    SERVICE = "service"
 
 
 @dataclass(frozen=True, slots=True)
 class EndpointKey:
-    """One registration of a node: several publishers of one topic in a node share it."""
+    """One registration of a node: several publishers of one topic in a node share it.
+
+    For a service, ``topic`` is its name and ``msg_type`` the name of its type.
+    """
 
     kind: EndpointKind
     topic: str

@@ -9,6 +9,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 
 import pytest
 from support.processes import master_process, program
@@ -17,12 +18,23 @@ from support.waiting import until
 from simple_ros import aio
 from simple_ros.blocking import BlockingNode
 from simple_ros.blocking import Publisher as BlockingPublisher
+from simple_ros.blocking import ServiceClient as BlockingServiceClient
+from simple_ros.blocking import ServiceServer as BlockingServiceServer
 from simple_ros.blocking import Subscriber as BlockingSubscriber
 from simple_ros.blocking import Timer as BlockingTimer
-from simple_ros.errors import ConfigError, HandleClosed, NodeNameTaken, QueueFull, TopicTypeMismatch
+from simple_ros.errors import (
+    ConfigError,
+    HandleClosed,
+    NodeNameTaken,
+    QueueFull,
+    RemoteServiceError,
+    ServiceUnavailable,
+    TopicTypeMismatch,
+)
 from simple_ros.events import IncompatibleQos, QosEvent
 from simple_ros.message_queue import CallbackGroup
 from simple_ros.msg.example import ControlCommand, SensorData
+from simple_ros.msg.example_interfaces import AddTwoInts, AddTwoIntsRequest, AddTwoIntsResponse
 from simple_ros.net.loop import BackgroundLoop
 from simple_ros.qos import DEFAULT, SENSOR_DATA
 from simple_ros.system_manager import NodeHandle, SystemManager
@@ -62,6 +74,8 @@ def spin_until(system: SystemManager, condition: object, limit: float = 10.0) ->
         (BlockingPublisher, aio.Publisher),
         (BlockingSubscriber, aio.Subscriber),
         (BlockingTimer, aio.Timer),
+        (BlockingServiceServer, aio.ServiceServer),
+        (BlockingServiceClient, aio.ServiceClient),
     ],
 )
 def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
@@ -78,7 +92,8 @@ def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
         *("failed", "wait_ended", "subscribe_batches", "targets", "targets_update", "reregistered"),
         *("report", "abandon", "check_open", "check_type", "publish_async", "publish_bytes_async"),
         *("take_batch", "room", "call_when_room", "sources_changed", "receive_within"),
-        *("dropped_messages",),
+        *("dropped_messages", "provide", "forget_service", "providers", "lanes", "resolve_name"),
+        *("give_up", "info", "take"),
     }
 
     def public(cls: type) -> set[str]:
@@ -464,3 +479,53 @@ def test_publishing_faster_than_the_network_is_held_not_lost_uncounted(
     while subscriber.statistics.received < statistics.sent:
         time.sleep(0.001)
     assert QueueFull.__name__ not in caplog.text
+
+
+def test_services_are_answered_in_the_thread_that_spins(system: SystemManager) -> None:
+    threads: list[int] = []
+    server, client = NodeHandle(), NodeHandle("caller", master=system.get_poll_manager().master)
+
+    def add(request: AddTwoIntsRequest) -> AddTwoIntsResponse:
+        threads.append(threading.get_ident())
+        if request.a < 0:
+            raise ValueError("too small")
+        return AddTwoIntsResponse(sum=request.a + request.b)
+
+    provided = server.advertise_service("add", AddTwoInts, add)
+    caller = client.service_client("add", AddTwoInts, timeout=10)
+    caller.wait_for_service(5)
+    done: list[Future[AddTwoIntsResponse]] = []
+    futures = [
+        caller.call_async(AddTwoIntsRequest(a=i, b=1), callback=done.append) for i in range(5)
+    ]
+    failed = caller.call_async(AddTwoIntsRequest(a=-1))
+    spin_until(system, lambda: len(done) == 5 and failed.done())
+    assert [future.result().sum for future in futures] == [1, 2, 3, 4, 5]
+    assert set(threads) == {threading.get_ident()}
+    with pytest.raises(RemoteServiceError, match="ValueError: too small"):
+        failed.result()
+    spinning = threading.Thread(target=system.spin)
+    spinning.start()
+    assert caller.call(AddTwoIntsRequest(a=20, b=3)).sum == 23
+    provided.close()
+    with pytest.raises(ServiceUnavailable):
+        caller.call(AddTwoIntsRequest())
+    system.shutdown()
+    spinning.join(5)
+
+
+def test_a_call_that_would_wait_for_itself_is_told(system: SystemManager) -> None:
+    node = NodeHandle()
+    node.advertise_service("add", AddTwoInts, lambda request: AddTwoIntsResponse())
+    caller = node.service_client("add", AddTwoInts)
+    problems: list[str] = []
+
+    def on_timer(event: object) -> None:
+        try:
+            caller.call(AddTwoIntsRequest())
+        except RuntimeError as error:
+            problems.append(str(error))
+
+    node.create_timer(0.01, on_timer, oneshot=True)
+    spin_until(system, lambda: problems)
+    assert "the only thread that could answer is the one that asks" in problems[0]
