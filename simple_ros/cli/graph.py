@@ -2,53 +2,137 @@
 
 from __future__ import annotations
 
-import json
-from enum import Enum
-from typing import TYPE_CHECKING, Annotated, Any
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from simple_ros.cli.graph_formats import Format, page, shown, svg, written
+from simple_ros.cli.graph_watch import watch as watch_graph
+from simple_ros.cli.options import MasterOption
+from simple_ros.cli.text import say
+from simple_ros.errors import SimpleRosError
+
 if TYPE_CHECKING:
-    from simple_ros.graph import GraphChange, GraphSnapshot
     from simple_ros.net.master_client import MasterClient
 
-__all__ = ["Format", "command"]
+__all__ = ["command"]
 
 
-class Format(Enum):
-    """How a graph is written."""
+_DRAWN = (Format.DOT, Format.MERMAID, Format.HTML, Format.SVG)
+_BY_SUFFIX = {
+    ".txt": Format.READABLE,
+    ".dot": Format.DOT,
+    ".gv": Format.DOT,
+    ".json": Format.JSON,
+    ".mmd": Format.MERMAID,
+    ".mermaid": Format.MERMAID,
+    ".html": Format.HTML,
+    ".htm": Format.HTML,
+    ".svg": Format.SVG,
+}
 
-    READABLE = "readable"
-    DOT = "dot"
-    JSON = "json"
+
+class CannotWrite(SimpleRosError, OSError):
+    """The file of ``--output`` cannot be written; the message says why."""
 
 
 def command(
     format: Annotated[  # noqa: A002
-        Format, typer.Option(help="For people, Graphviz or programs.")
-    ] = Format.READABLE,
+        Format | None,
+        typer.Option(
+            help="readable is for people, json for programs, the others are drawings.",
+            show_default="by the name of the output file, else readable",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Write into this file."),
+    ] = None,
+    topics: Annotated[
+        bool,
+        typer.Option("--topics", help="Draw topics between the nodes (dot, mermaid, html, svg)."),
+    ] = False,
+    filter: Annotated[  # noqa: A002
+        str, typer.Option(metavar="TEXT", help="Only what is linked with names that contain this.")
+    ] = "",
     watch: Annotated[
         bool, typer.Option("--watch", help="Go on with a line for every change, until Ctrl-C.")
     ] = False,
-    master: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HOST:PORT",
-            help="Where the Master is.",
-            show_default="$SIMPLE_ROS_MASTER, else localhost:50051",
-        ),
-    ] = None,
+    master: MasterOption = None,
 ) -> None:
-    """Print who is there and what flows from whom to whom."""
+    """Print or draw who is there and what flows from whom to whom.
+
+    `-o graph.html` is a page to look around in, `-o graph.svg` a picture (needs Graphviz).
+    """
     from simple_ros import aio
 
-    if watch and format is Format.DOT:
-        raise typer.BadParameter("--watch writes readable or json, not dot")
-    aio.run(_watch(master, format) if watch else _print_once(master, format))
+    chosen = _chosen(format, output)
+    if topics and chosen not in _DRAWN:
+        names = ", ".join(drawn.value for drawn in _DRAWN)
+        raise typer.BadParameter(f"--topics is for {names}, not for {chosen.value}")
+    if watch and (output is not None or chosen not in (Format.READABLE, Format.JSON)):
+        raise typer.BadParameter("--watch writes readable or json, to the terminal")
+    if watch:
+        aio.run(watch_graph(master, chosen, filter))
+    elif (text := aio.run(_text(master, chosen, filter, topics=topics))) is None:
+        raise typer.Exit(130)  # Ctrl-C while a Master or Graphviz took its time
+    elif output is None:
+        say(shown(text, chosen))
+    else:
+        _write(output, text)
 
 
-async def _print_once(master: str | None, format: Format) -> None:  # noqa: A002
+def _chosen(format: Format | None, output: Path | None) -> Format:  # noqa: A002
+    if format is not None or output is None:
+        return format or Format.READABLE
+    guessed = _BY_SUFFIX.get(output.suffix.lower())
+    if guessed is None:
+        known = " ".join(_BY_SUFFIX)
+        raise typer.BadParameter(
+            f"no format is known by the name {output.name!r}: name it with "
+            f"--format, or end the name with one of {known}"
+        )
+    return guessed
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text.removesuffix("\n") + "\n", encoding="utf-8")
+    except OSError as error:
+        raise CannotWrite(f"cannot write {str(path)!r}: {error.strerror or error}") from None
+
+
+# -- once ------------------------------------------------------------------------------------------
+
+
+async def _text(
+    master: str | None,
+    format: Format,  # noqa: A002
+    filter: str,  # noqa: A002
+    *,
+    topics: bool,
+) -> str:
+    from simple_ros.graph_source import fetch_graph
+    from simple_ros.graph_view import filtered
     from simple_ros.net.master_client import ForeignMaster, MasterClient
+
+    async with MasterClient(master) as client:
+        if not (filter or topics) and format in (Format.READABLE, Format.DOT, Format.JSON):
+            with suppress(ForeignMaster):
+                return await _exported(client, format)
+        graph = await fetch_graph(client)
+        address = client.address
+    graph = filtered(graph, filter) if filter else graph
+    if format is Format.HTML:
+        return page(graph, topics=topics, heading=_heading(address, filter))
+    if format is Format.SVG:
+        return await svg(written(graph, Format.DOT, topics=topics))
+    return written(graph, format, topics=topics)
+
+
+async def _exported(client: MasterClient, format: Format) -> str:  # noqa: A002
     from simple_ros.rpc import master_pb2
 
     numbers = {
@@ -56,85 +140,9 @@ async def _print_once(master: str | None, format: Format) -> None:  # noqa: A002
         Format.DOT: master_pb2.GRAPH_FORMAT_DOT,
         Format.JSON: master_pb2.GRAPH_FORMAT_JSON,
     }
-    async with MasterClient(master) as client:
-        try:
-            text = await client.export_graph(numbers[format])
-        except ForeignMaster:
-            text = _written(await _collected(client), format)
-    _say(text)
+    return await client.export_graph(numbers[format])
 
 
-def _written(graph: GraphSnapshot, format: Format) -> str:  # noqa: A002
-    from simple_ros.graph import to_dot, to_json, to_readable_string
-
-    writers = {
-        Format.READABLE: to_readable_string,
-        Format.DOT: to_dot,
-        Format.JSON: to_json,
-    }
-    return writers[format](graph)
-
-
-async def _collected(client: MasterClient) -> GraphSnapshot:
-    """The graph from the calls of a C++ Master, one after the other: it cannot take more."""
-    from simple_ros.graph import GraphNode, GraphSnapshot, TopicKey, edges_between
-
-    def keys(topics: Any) -> tuple[TopicKey, ...]:
-        return tuple(sorted(TopicKey(topic.topic_name, topic.msg_type) for topic in topics))
-
-    nodes = []
-    for info in sorted(await client.get_nodes(), key=lambda info: info.node_name):
-        details = await client.get_node_info(info.node_name)
-        if details is not None:
-            nodes.append(
-                GraphNode(
-                    info.node_name,
-                    info.ip,
-                    info.port,
-                    keys(details.publishes),
-                    keys(details.subscribes),
-                )
-            )
-    return GraphSnapshot(tuple(nodes), edges_between(tuple(nodes)))
-
-
-# -- watching --------------------------------------------------------------------------------------
-
-
-async def _watch(master: str | None, format: Format) -> None:  # noqa: A002
-    from simple_ros.graph import GraphChange
-    from simple_ros.net.master_client import MasterClient
-
-    as_json = format is Format.JSON
-    async with MasterClient(master) as client:
-        async for event in client.watch_graph():
-            if isinstance(event, GraphChange):
-                _say(_change_json(event) if as_json else _change_line(event))
-            else:
-                _say(_snapshot_json(event) if as_json else _written(event, format))
-
-
-def _change_line(change: GraphChange) -> str:
-    what, _, happened = change.kind.value.partition("_")
-    sign = "+" if happened == "added" else "-"
-    if change.key is None:
-        return f"{sign} node {change.node} (ip={change.ip}, port={change.port})"
-    does = {"publisher": "publishes", "subscriber": "subscribes"}[what]
-    return f"{sign} {change.node} {does} {change.key.topic} : {change.key.msg_type}"
-
-
-def _change_json(change: GraphChange) -> str:
-    line: dict[str, Any] = {"event": change.kind.value, "name": change.node}
-    line |= {"ip": change.ip, "port": change.port}
-    if change.key is not None:
-        line |= {"topic": change.key.topic, "msg": change.key.msg_type}
-    return json.dumps(line, ensure_ascii=False)
-
-
-def _snapshot_json(graph: GraphSnapshot) -> str:
-    whole = json.loads(_written(graph, Format.JSON))
-    return json.dumps({"event": "snapshot", **whole}, ensure_ascii=False)
-
-
-def _say(text: str) -> None:
-    print(text.removesuffix("\n"), flush=True)
+def _heading(address: str, filter: str) -> str:  # noqa: A002
+    what = f" around {filter!r}" if filter else ""
+    return f"simple_ros graph{what}, Master at {address}"

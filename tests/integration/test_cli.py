@@ -9,10 +9,9 @@ from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
-import grpc
 import pytest
+from support.cpp_master import cpp_master
 from support.processes import Process, master_process, python
 
 from simple_ros.aio import NodeHandle
@@ -26,8 +25,6 @@ from simple_ros.graph import (
     to_readable_string,
 )
 from simple_ros.msg.example import SensorData
-from simple_ros.rpc import methods
-from simple_ros.rpc import ros_rpc_pb2 as ros
 
 PROGRAM = ("-m", "simple_ros.cli.main")
 KEY = TopicKey("data", "example.SensorData")
@@ -120,7 +117,7 @@ class TestGraph:
             GraphNode("source", "127.0.0.1", 60000, publishes=(KEY,)),
         )
         graph = GraphSnapshot(nodes, edges_between(nodes))
-        async with cpp_master(graph) as address:
+        async with cpp_master(graph.nodes) as address:
             for name, write in WRITERS.items():
                 expected = write(graph).removesuffix("\n") + "\n"
                 shown = await run("graph", "--format", name, "--master", address)
@@ -134,50 +131,6 @@ async def end_with_ctrl_c(process: Process) -> None:
     process.signal(signal.SIGINT)
     assert await process.wait() == 0
     assert await process.errors() == ""
-
-
-@asynccontextmanager
-async def cpp_master(graph: GraphSnapshot) -> AsyncIterator[str]:
-    """A stand-in for a C++ Master that shows this graph; nodes come in no order."""
-    infos = {
-        node.name: ros.NodeInfo(node_name=node.name, ip=node.ip, port=node.port)
-        for node in reversed(graph.nodes)
-    }
-
-    async def get_nodes(_: ros.GetNodesRequest, __: object) -> ros.GetNodesResponse:
-        return ros.GetNodesResponse(success=True, nodes=infos.values())
-
-    async def get_node_info(request: ros.GetNodeInfoRequest, _: object) -> ros.GetNodeInfoResponse:
-        (node,) = (node for node in graph.nodes if node.name == request.node_name)
-        return ros.GetNodeInfoResponse(
-            success=True,
-            node_info=infos[node.name],
-            publishes=topics(node.publishes),
-            subscribes=topics(node.subscribes),
-        )
-
-    def topics(keys: tuple[TopicKey, ...]) -> list[ros.TopicInfo]:
-        return [ros.TopicInfo(topic_name=key.topic, msg_type=key.msg_type) for key in keys]
-
-    def handler(method: methods.Method[Any, Any], behaviour: Any) -> grpc.RpcMethodHandler:
-        return grpc.unary_unary_rpc_method_handler(
-            behaviour, method.request.FromString, method.response.SerializeToString
-        )
-
-    table = {
-        "GetNodes": handler(methods.GET_NODES, get_nodes),
-        "GetNodeInfo": handler(methods.GET_NODE_INFO, get_node_info),
-    }
-    server = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
-    server.add_generic_rpc_handlers(
-        (grpc.method_handlers_generic_handler(methods.ROS_RPC_SERVICE, table),)
-    )
-    port = server.add_insecure_port("127.0.0.1:0")
-    await server.start()
-    try:
-        yield f"127.0.0.1:{port}"
-    finally:
-        await server.stop(0)
 
 
 class TestTheCommand:
