@@ -9,14 +9,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from simple_ros.errors import FrameError
-from simple_ros.local import LocalLink
+from simple_ros.local import LocalLink, ReferenceLink
 from simple_ros.net.peer import OutboundLink
-from simple_ros.net.transport import Transport
+from simple_ros.net.transport import InProcess, Transport
 from simple_ros.qos import Durability, QosProfile, incompatibilities
 from simple_ros.wire.framing import encode_header
 from simple_ros.wire.session import Target, TargetChanges, TargetSet
 
 if TYPE_CHECKING:
+    from simple_ros.codecs import Codec
     from simple_ros.router import Router
 
 __all__ = ["Link", "LinkTotals", "Spelling", "SubscriberLinks"]
@@ -53,6 +54,8 @@ class SubscriberLinks:
     Args:
         topic: Canonical topic name.
         msg_type: Type name on the wire.
+        codec: Makes bytes of its messages.
+        message_class: Class of its messages.
         qos: What the publisher offers.
         transports: How messages may travel, most wanted first.
         local_router: Finds the router of a node of this event loop by its instance id.
@@ -62,15 +65,18 @@ class SubscriberLinks:
         on_incompatible: Called with a subscriber that requests more than is offered, and the policies.
 
     Attributes:
-        spellings: The links, by the header their frames carry.
+        spellings: The links that want frames, by the header these carry.
+        references: The links that take messages as they are.
     """
 
     def __init__(
         self,
         topic: str,
         msg_type: str,
+        codec: Codec,
+        message_class: type,
         qos: QosProfile,
-        transports: Sequence[Transport | None],
+        transports: Sequence[Transport | InProcess],
         *,
         local_router: Callable[[str], Router | None],
         before_change: Callable[[], None],
@@ -79,11 +85,16 @@ class SubscriberLinks:
         on_incompatible: Callable[[Target, list[str]], None],
     ) -> None:
         self.spellings: list[Spelling] = []
+        self.references: list[ReferenceLink] = []
         self._topic = topic
         self._msg_type = msg_type
+        self._codec = codec
+        self._message_class = message_class
         self._qos = qos
         self._transports = transports
-        self._local_router = local_router if None in transports else lambda _: None
+        inside = [way for way in transports if isinstance(way, InProcess)]
+        self._in_process = inside[0] if inside else None
+        self._local_router = local_router
         self._before_change = before_change
         self._on_up = on_up
         self._on_change = on_change
@@ -179,6 +190,10 @@ class SubscriberLinks:
         link = self._made(target)
         self._before_change()
         self._links[target.key] = link
+        if isinstance(link, ReferenceLink):
+            self.references = [*self.references, link]
+            self._on_up(link)
+            return
         spelling = next((item for item in self.spellings if item.header == header), None)
         if spelling is None:
             spelling = Spelling(header)
@@ -188,14 +203,25 @@ class SubscriberLinks:
             self._on_up(link)
 
     def _made(self, target: Target) -> Link:
-        router = self._local_router(target.instance_id)
+        router = self._local_router(target.instance_id) if self._in_process else None
+        if router is not None and self._in_process is InProcess.REFERENCE:
+            return ReferenceLink(
+                target,
+                self._qos,
+                router,
+                self.header_of(target),
+                self._codec.decoder(self._message_class),
+                self._codec.encoder(self._message_class),
+                on_room=self._on_change,
+                on_broken=self._local_broke,
+            )
         if router is not None:
             return LocalLink(
                 target,
                 self._qos,
                 router,
                 on_room=self._on_change,
-                on_broken=lambda link: self.update((), (link.target,), snapshot=False),
+                on_broken=self._local_broke,
             )
         return OutboundLink(
             target,
@@ -211,6 +237,9 @@ class SubscriberLinks:
             self._incompatible.add(target.key)
             self._on_incompatible(target, policies)
 
+    def _local_broke(self, link: LocalLink) -> None:
+        self.update((), (link.target,), snapshot=False)
+
     def _link_broke(self, link: OutboundLink) -> None:
         self._apply(self._targets.link_broke(link.target.key))
 
@@ -220,6 +249,7 @@ class SubscriberLinks:
         if link is None:
             return
         self._before_change()
+        self.references = [other for other in self.references if other is not link]
         for spelling in self.spellings:
             if link in spelling.links:
                 spelling.links.remove(link)

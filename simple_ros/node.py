@@ -10,7 +10,7 @@ from typing import Any, Self, TypeVar, overload
 
 from google.protobuf.message import DecodeError, Message
 
-from simple_ros import names
+from simple_ros.arguments import Arguments, process_arguments
 from simple_ros.callbacks import CallbackGuard, is_being_cancelled
 from simple_ros.codecs import codec_of
 from simple_ros.endpoints import Endpoints
@@ -19,10 +19,12 @@ from simple_ros.events import QosEventCallback
 from simple_ros.identity import Identity
 from simple_ros.msg.registry import MsgFactory
 from simple_ros.net.feeder import Source
-from simple_ros.net.master_client import MasterClient, MasterConnector, MasterDouble
+from simple_ros.net.master_client import ForeignMaster, MasterClient, MasterConnector, MasterDouble
 from simple_ros.net.server import NodeServer
-from simple_ros.net.transport import TCP, TransportChoice, chosen_transports
+from simple_ros.net.transport import TCP, Transport, TransportChoice, chosen_transports
 from simple_ros.node_services import ServiceMethods
+from simple_ros.parameters.face import ParameterFace
+from simple_ros.parameters.local import NodeParameters
 from simple_ros.publisher import Publisher
 from simple_ros.qos import DEFAULT, QosProfile
 from simple_ros.registration import Registrar
@@ -46,14 +48,14 @@ _FLUSH_S = 0.4
 _nodes: dict[str, NodeHandle] = {}
 
 
-class NodeHandle(ServiceMethods):
+class NodeHandle(ServiceMethods, ParameterFace):
     """A node of the message graph, on the running event loop.
 
     Use it as ``async with NodeHandle("talker") as node:``, or call `start` and `close`. Several nodes
     may live in one process.
 
     Args:
-        name: Node name; a leading slash means nothing.
+        name: Node name; without a leading slash it is in the namespace.
         master: ``host:port`` of the Master; None takes ``SIMPLE_ROS_MASTER``, else
             ``localhost:50051``. In tests also a `simple_ros.testing.FakeMaster`.
         ip: Dotted IPv4 under which peers reach this node; None takes the one that the route to the
@@ -62,9 +64,14 @@ class NodeHandle(ServiceMethods):
         max_message_bytes: Larger incoming messages are counted and dropped.
         transports: How messages may travel, most wanted first: names or `Transport` objects; None
             takes ``SIMPLE_ROS_TRANSPORTS``, else ``("local", "tcp")``.
+        namespace: Where its relative names are; ``__ns:=`` replaces it.
+        arguments: Name, namespace, remaps and parameters from outside; None takes those of the
+            process, from ``SIMPLE_ROS_ARGS`` and the command line.
 
     Raises:
         InvalidName: The name breaks the rules.
+        BadArgument: A word of the command line makes no sense.
+        BadParameterText: A file of parameters is wrong.
         ConfigError: ``master`` is no address, or there is no such transport.
     """
 
@@ -77,7 +84,12 @@ class NodeHandle(ServiceMethods):
         port: int = 0,
         max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES,
         transports: TransportChoice = None,
+        namespace: str = "",
+        arguments: Arguments | None = None,
     ) -> None:
+        told = (process_arguments() if arguments is None else arguments).of(name, namespace)
+        self._scope = told.scope
+        name = told.scope.node
         if isinstance(master, str | None):
             self.identity = Identity(name, master, ip)
             self._connect: MasterConnector = functools.partial(MasterClient, self.identity.master)
@@ -97,6 +109,15 @@ class NodeHandle(ServiceMethods):
             lambda link, name, kind: self.lanes.find(link, name, kind),
         )
         self.endpoints = Endpoints(self.name, self.router)
+        self._parameters = NodeParameters(
+            told.scope,
+            told.overrides,
+            self.node_info,
+            self._reach_master,
+            lambda: self._live_registrar().client,
+        )
+        if told.log_level:
+            logging.getLogger().setLevel(told.log_level.upper())
         self._init_services()
         self._wanted_port = port
         self._max_message_bytes = max_message_bytes
@@ -131,7 +152,9 @@ class NodeHandle(ServiceMethods):
                 raise HandleClosed(f"node {self.name!r}")
             self.identity.listens_at(self._server)
             _nodes[self.identity.instance_id] = self
-            self._registrar = Registrar(self.identity, self.endpoints, self._connect, self._failed)
+            self._registrar = Registrar(
+                self.identity, self.endpoints, self._parameters, self._connect, self._failed
+            )
         return self
 
     async def _started_server(self) -> NodeServer:
@@ -139,7 +162,9 @@ class NodeHandle(ServiceMethods):
         hosts = (self.identity.ip,) if self.identity.is_local else ("0.0.0.0", "::")
         server = NodeServer(self.router, self._max_message_bytes)
         await server.start(hosts, self._wanted_port)
-        others = [item for item in self.transports if item is not None and item is not TCP]
+        others = [
+            item for item in self.transports if isinstance(item, Transport) and item is not TCP
+        ]
         await server.listen_by(others, self.identity.place)
         return server
 
@@ -186,6 +211,7 @@ class NodeHandle(ServiceMethods):
 
     def _abandon(self, caller: asyncio.Task[Any] | None = None) -> None:
         self.endpoints.abandon(caller)
+        self._parameters.abandon()
         self.providers.close()
         self.lanes.is_closed = True
         for timer in list(self._timers):
@@ -250,14 +276,6 @@ class NodeHandle(ServiceMethods):
         """What arrived and could not be delivered, by cause."""
         return self.router.bad
 
-    def resolve_name(self, name: str, kind: str) -> str:
-        """The canonical name of a topic, service, action or parameter, as this node means it.
-
-        Raises:
-            InvalidName: The name breaks the rules.
-        """
-        return names.topic_name(name)
-
     def _live_registrar(self) -> Registrar:
         if self.failure is not None:
             raise self.failure
@@ -266,6 +284,31 @@ class NodeHandle(ServiceMethods):
         if self._registrar is None:
             raise RuntimeError(f"node {self.name!r} is not started; use 'async with' or start()")
         return self._registrar
+
+    async def _reach_master(self) -> MasterClient:
+        registrar = self._live_registrar()
+        await registrar.wait_for_master()
+        if registrar.is_foreign:
+            raise ForeignMaster(self.master)
+        return registrar.client
+
+    @property
+    def namespace(self) -> str:
+        """Canonical namespace, in which relative names are; empty for the outermost."""
+        return self._scope.namespace
+
+    def resolve_name(self, name: str, kind: str = "topic") -> str:
+        """The full canonical name that a name means in this node, after remapping.
+
+        Args:
+            name: ``chatter`` is in the node's namespace, ``/chatter`` is absolute, ``~chatter`` is the
+                node's own. Without a namespace the first two are the same.
+            kind: What is named, for the error.
+
+        Raises:
+            InvalidName: With a caret under the first character that is wrong.
+        """
+        return self._scope.resolve(name, kind)
 
     # -- what users make -----------------------------------------------------------------------
 
@@ -295,7 +338,7 @@ class NodeHandle(ServiceMethods):
             HandleClosed: The node is closed.
         """
         registrar = self._live_registrar()
-        canonical = names.topic_name(topic)
+        canonical = self.resolve_name(topic)
         codec = codec_of(message_class)
         key = EndpointKey(EndpointKind.PUBLISHER, canonical, codec.type_name(message_class))
         publisher: Publisher[MessageT] = Publisher(
@@ -415,7 +458,7 @@ class NodeHandle(ServiceMethods):
         room: Callable[[], int] | None = None,
     ) -> Subscriber[Any]:
         registrar = self._live_registrar()
-        canonical = names.topic_name(topic)
+        canonical = self.resolve_name(topic)
         profile = profile_of(qos)
         msg_type, parse, definition = _type_and_parser(message_type, raw=raw)
         key = EndpointKey(EndpointKind.SUBSCRIBER, canonical, msg_type)

@@ -23,7 +23,7 @@ from simple_ros.codecs import Codec
 from simple_ros.errors import HandleClosed, MessageTooLarge, QueueFull
 from simple_ros.events import DeadlineMissed, IncompatibleQos, QosEvent, QosEventCallback
 from simple_ros.links import Link, SubscriberLinks
-from simple_ros.net.transport import Transport
+from simple_ros.net.transport import InProcess, Transport
 from simple_ros.qos import Durability, QosProfile
 from simple_ros.watch import Watchdog
 from simple_ros.wire.framing import MAX_DATA_BYTES
@@ -85,7 +85,7 @@ class Publisher(Generic[MessageT]):
         codec: Codec,
         qos: QosProfile,
         on_event: QosEventCallback | None,
-        transports: Sequence[Transport | None],
+        transports: Sequence[Transport | InProcess],
     ) -> None:
         self.topic = topic
         self.msg_type = codec.type_name(message_class)
@@ -100,6 +100,8 @@ class Publisher(Generic[MessageT]):
         self._links = SubscriberLinks(
             topic,
             self.msg_type,
+            codec,
+            message_class,
             qos,
             transports,
             local_router=self._local_router,
@@ -138,15 +140,35 @@ class Publisher(Generic[MessageT]):
         """
         if message.__class__ is not self.message_class:
             self.check_type(message)
-        self.publish_bytes(self.encode(message))
+        if self._links.references:
+            self._publish_object(message)
+        else:
+            self.publish_bytes(self.encode(message))
 
     def publish_bytes(self, payload: bytes) -> None:
         """Send a message that is serialised already. Raises as `publish`."""
         self.check_open()
+        if self._links.references:
+            self._publish_object(self._codec.decoder(self.message_class)(payload), payload)
+            return
         size = self._checked_size(payload)
         if self._blocks and not self._has_room(size):
             raise QueueFull(self.topic)
         self._put(payload, size)
+
+    def _publish_object(self, message: Any, payload: bytes | None = None) -> None:
+        """As `publish_bytes`, with subscribers that take the object itself."""
+        self.check_open()
+        wants_bytes = bool(self._links.spellings) or self._latches
+        if wants_bytes and payload is None:
+            payload = self.encode(message)
+        size = 0 if payload is None else self._checked_size(payload)
+        if self._blocks and not self._has_room(size):
+            raise QueueFull(self.topic)
+        expires_at = self._expiry()
+        for link in self._links.references:
+            link.send_object(message, expires_at)
+        self._put(b"" if payload is None else payload, size)
 
     async def publish_async(self, message: MessageT) -> None:
         """Send, waiting until every subscriber has room (with ``overflow="block"``).
@@ -158,19 +180,29 @@ class Publisher(Generic[MessageT]):
         """
         if message.__class__ is not self.message_class:
             self.check_type(message)
-        await self.publish_bytes_async(self.encode(message))
+        if self._links.references:
+            await self._wait_for_room(1)
+            self._publish_object(message)
+        else:
+            await self.publish_bytes_async(self.encode(message))
 
     async def publish_bytes_async(self, payload: bytes) -> None:
         """Send a message that is serialised already, as `publish_async`."""
         size = self._checked_size(payload)
+        await self._wait_for_room(size)
+        if self._links.references:
+            self._publish_object(self._codec.decoder(self.message_class)(payload), payload)
+            return
+        if self._put(payload, size):
+            # A batch has just gone out: give everybody else a turn.
+            await asyncio.sleep(0)
+
+    async def _wait_for_room(self, size: int) -> None:
         while self._blocks and not self._closed and not self._has_room(size):
             self._room.clear()
             await self._room.wait()
         if self._closed:
             self.check_open()
-        if self._put(payload, size):
-            # A batch has just gone out: give everybody else a turn.
-            await asyncio.sleep(0)
 
     def check_open(self) -> None:
         """Raise `HandleClosed` or `NodeNameTaken` if nothing can be published any more."""

@@ -159,24 +159,50 @@ class Route:
 
     def offer(self, payloads: list[memoryview], resume: Callable[[], None], *, force: bool) -> int:
         """Deliver as much as the queues take; see `Receiver.receive`."""
+        taken = len(payloads)
+        if any(not sink.is_direct for sink in self.sinks):
+            taken = self._room_for([len(payload) for payload in payloads], resume, force=force)
+            if taken < 0:
+                return taken
+        self.deliver(payloads if taken == len(payloads) else payloads[:taken])
+        return taken
+
+    def _room_for(self, sizes: list[int], resume: Callable[[], None], *, force: bool) -> int:
+        """How many of the next messages the queues take; see `Receiver.receive`."""
         queued = [sink for sink in self.sinks if not sink.is_direct]
-        if queued:
-            sizes = [len(payload) for payload in payloads]
-            rooms = {sink: sink.room(sizes) for sink in queued}
-            room = min(rooms.values())
-            if room < len(payloads):
-                for sink in queued:
-                    if sink.waits and not rooms[sink]:
-                        sink.call_when_room(resume)
-                        return -1
-                if not room:
-                    if not force:
-                        return 0
-                    # Those that do not wait drop their oldest; those that do get what fits.
-                    room = min(rooms[sink] if sink.waits else sink.qos.depth for sink in queued)
-                payloads = payloads[:room]
-        self.deliver(payloads)
-        return len(payloads)
+        if not queued:
+            return len(sizes)
+        rooms = {sink: sink.room(sizes) for sink in queued}
+        room = min(rooms.values())
+        if room >= len(sizes):
+            return len(sizes)
+        for sink in queued:
+            if sink.waits and not rooms[sink]:
+                sink.call_when_room(resume)
+                return -1
+        if not room and force:
+            # Those that do not wait drop their oldest; those that do get what fits.
+            room = min(rooms[sink] if sink.waits else sink.qos.depth for sink in queued)
+        return min(room, len(sizes))
+
+    def offer_objects(
+        self,
+        messages: list[Any],
+        parse: Callable[[Any], Any],
+        encode: Callable[[Any], bytes],
+        resume: Callable[[], None],
+        *,
+        force: bool,
+    ) -> int:
+        """As `offer`, for messages that need no parsing where ``parse`` is what a subscription uses."""
+        taken = self._room_for([1] * len(messages), resume, force=force)
+        for message in messages[: max(taken, 0)]:
+            for sink in self.sinks:
+                mine = self._parsers.get(sink)
+                if mine is None:
+                    continue
+                self._hand(sink, message if mine == parse else mine(encode(message)), 1)
+        return taken
 
     def deliver(self, payloads: list[memoryview]) -> None:
         """Parse once and hand to every subscription; the views end with the call."""
@@ -307,6 +333,22 @@ class Router:
             route.oversized(run.oversized)
             return 0
         return route.offer(run.payloads, resume, force=force)
+
+    def receive_objects(
+        self,
+        link: Source,
+        run: Run,
+        parse: Callable[[Any], Any],
+        encode: Callable[[Any], bytes],
+        resume: Callable[[], None],
+        *,
+        force: bool,
+    ) -> int:
+        """As `receive`, for a run of messages instead of bytes; see `Route.offer_objects`."""
+        lane = self._by_link.get(link, {}).get(run.header) or self._find(link, run)
+        if not isinstance(lane, Route):
+            return len(run.payloads)
+        return lane.offer_objects(run.payloads, parse, encode, resume, force=force)
 
     def _find(self, link: Source, run: Run) -> Lane | None:
         """The lane of a header this link has not brought yet; None if handled otherwise."""

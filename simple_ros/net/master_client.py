@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+import contextlib
+from collections.abc import AsyncGenerator, AsyncIterator
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar
 
@@ -96,6 +97,7 @@ class LeaseStream:
 
     def __init__(self, call: Any) -> None:
         self._call = call
+        self._saying = asyncio.Lock()
 
     async def open(self, node_info: ros.NodeInfo) -> master.LeaseGranted:
         """Ask for the lease; waits for the Master if nobody answers.
@@ -119,9 +121,19 @@ class LeaseStream:
         event = await self._call.read()
         return event if isinstance(event, master.LeaseEvent) else None
 
+    async def say(self, request: master.LeaseRequest) -> None:
+        """Tell the Master something.
+
+        Raises:
+            grpc.aio.AioRpcError: The Master went away.
+            asyncio.InvalidStateError: The stream has ended.
+        """
+        async with self._saying:
+            await self._call.write(request)
+
     async def leave(self) -> None:
         """Say goodbye; the Master answers by ending the stream."""
-        await self._call.write(master.LeaseRequest(release=master.LeaseRelease()))
+        await self.say(master.LeaseRequest(release=master.LeaseRelease()))
         await self._call.done_writing()
 
     def cancel(self) -> None:
@@ -287,19 +299,34 @@ class MasterClient:
             MasterUnavailable: Nobody answers, or the Master went away.
             ForeignMaster: It is a C++ Master.
         """
-        method = methods.WATCH_GRAPH
+        async with contextlib.aclosing(
+            self.stream(methods.WATCH_GRAPH, master.WatchGraphRequest())
+        ) as events:
+            async for event in events:
+                if event.WhichOneof("kind") == "snapshot":
+                    yield snapshot_from_proto(event.snapshot)
+                else:
+                    yield change_from_proto(event.change)
+
+    async def stream(
+        self, method: Method[Request, Response], request: Request
+    ) -> AsyncGenerator[Response, None]:
+        """One call with a stream of answers.
+
+        Raises:
+            MasterUnavailable: Nobody answers, or the Master went away.
+            ForeignMaster: The Master has no such call.
+            grpc.aio.AioRpcError: Any other status.
+        """
         stub = self._channel.unary_stream(
             method.path,
             request_serializer=method.request.SerializeToString,
             response_deserializer=method.response.FromString,
         )
-        call = stub(master.WatchGraphRequest())
+        call = stub(request)
         try:
-            async for event in call:
-                if event.WhichOneof("kind") == "snapshot":
-                    yield snapshot_from_proto(event.snapshot)
-                else:
-                    yield change_from_proto(event.change)
+            async for response in call:
+                yield response
         except grpc.aio.AioRpcError as error:
             raise self._translated(error) from None
         finally:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from typing import cast
 
 from simple_ros.net.addresses import connection_state, join_address, keep_alive
-from simple_ros.net.transport import TCP, Transport, Way, ways_to
+from simple_ros.net.transport import TCP, InProcess, Transport, Way, ways_to
 from simple_ros.qos import QosProfile, Reliability
 from simple_ros.wire.queues import BoundedQueue
 from simple_ros.wire.session import Backoff, Target
@@ -48,7 +48,7 @@ class OutboundLink(asyncio.Protocol):
         on_up: Callable[[OutboundLink], None],
         on_broken: Callable[[OutboundLink], None],
         on_room: Callable[[], None],
-        transports: Sequence[Transport | None] = (TCP,),
+        transports: Sequence[Transport | InProcess] = (TCP,),
     ) -> None:
         self.target = target
         self.queue: BoundedQueue[bytes] = BoundedQueue(profile.depth, profile.max_bytes)

@@ -17,6 +17,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import ClassVar, TypeAlias
 
 from simple_ros import plugins
@@ -25,8 +26,8 @@ from simple_ros.net.addresses import join_address, split_address
 from simple_ros.wire.session import Target
 
 __all__ = [
-    "LOCAL",
     "Acceptor",
+    "InProcess",
     "Listener",
     "Place",
     "TcpTransport",
@@ -39,9 +40,19 @@ __all__ = [
     "ways_to",
 ]
 
-LOCAL = "local"
-"""The name for joining nodes of one event loop directly, with no transport."""
-DEFAULT_TRANSPORTS = (LOCAL, "tcp")
+
+class InProcess(Enum):
+    """How nodes of one event loop are joined directly, with no transport.
+
+    By ``COPY`` each subscriber's node gets an object of its own. By ``REFERENCE`` nothing is serialised:
+    publisher and subscribers share one object, which nobody may change once it is published.
+    """
+
+    COPY = "local"
+    REFERENCE = "reference"
+
+
+DEFAULT_TRANSPORTS = (InProcess.COPY.value, "tcp")
 Acceptor: TypeAlias = "Callable[[], asyncio.BufferedProtocol]"
 TransportChoice: TypeAlias = "Sequence[str | Transport] | None"
 
@@ -147,8 +158,8 @@ def feed(protocol: asyncio.BufferedProtocol, data: bytes | memoryview) -> None:
         rest = rest[count:]
 
 
-def chosen_transports(choice: TransportChoice = None) -> tuple[Transport | None, ...]:
-    """The transports to use, most wanted first; None stands for joining nodes of one loop directly.
+def chosen_transports(choice: TransportChoice = None) -> tuple[Transport | InProcess, ...]:
+    """The transports to use, most wanted first.
 
     Args:
         choice: Names and objects; None takes ``SIMPLE_ROS_TRANSPORTS`` (names separated by commas), else
@@ -168,9 +179,9 @@ def chosen_transports(choice: TransportChoice = None) -> tuple[Transport | None,
     return found
 
 
-def _transport(item: str | Transport) -> Transport | None:
-    if item == LOCAL:
-        return None
+def _transport(item: str | Transport) -> Transport | InProcess:
+    if item in [way.value for way in InProcess]:
+        return InProcess(item)
     if item == TcpTransport.scheme:
         return TCP
     found = plugins.load(plugins.TRANSPORTS, item) if isinstance(item, str) else item
@@ -195,7 +206,7 @@ def scheme_of(address: str) -> str:
 
 
 def ways_to(
-    target: Target, transports: Iterable[Transport | None], *, needs_reliable: bool
+    target: Target, transports: Iterable[Transport | InProcess], *, needs_reliable: bool
 ) -> tuple[Way, ...]:
     """All ways to a target, most wanted first.
 
@@ -210,6 +221,6 @@ def ways_to(
     return tuple(
         Way(transport, address)
         for transport in transports
-        if transport is not None and (transport.is_reliable or not needs_reliable)
+        if isinstance(transport, Transport) and (transport.is_reliable or not needs_reliable)
         for address in offered.get(transport.scheme, ())
     )

@@ -46,6 +46,7 @@ class Kind:
 
 KINDS = [
     Kind("local", lambda: ("local",)),
+    Kind("reference", lambda: ("reference",)),
     Kind("tcp", lambda: ("tcp",)),
     Kind("memory", lambda: (MemoryNetwork(),)),
     Kind("memory-delay", lambda: (MemoryNetwork(delay_s=0.005, jitter_s=0.005, seed=3),)),
