@@ -19,14 +19,14 @@ import asyncio
 import importlib
 import inspect
 import logging
-import os
 import sys
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from simple_ros.engine import Engine
-from simple_ros.errors import ConfigError, HandleClosed, NodeNameTaken
+from simple_ros.errors import ConfigError, HandleClosed, NodeNameTaken, SimpleRosError
 from simple_ros.net.transport import InProcess, TransportChoice
 from simple_ros.node import NodeHandle
 
@@ -108,28 +108,33 @@ async def run_components(
 
 
 async def _run(item: Component, master: str | None, transports: TransportChoice) -> bool:
+    """Run one; whether it ended well."""
     try:
         async with NodeHandle(item.name, master=master, transports=transports) as node:
-            work = asyncio.ensure_future(item.run(node))
-            ended = asyncio.create_task(node.wait_ended())
-            try:
-                await asyncio.wait((work, ended), return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for task in (work, ended):
-                    task.cancel()
-                results = await asyncio.gather(work, return_exceptions=True)
-            if node.failure is not None:
-                raise node.failure
-            if isinstance(results[0], Exception) and not isinstance(results[0], HandleClosed):
-                raise results[0]
-    except NodeNameTaken as taken:
-        logger.error("component %r ends: %s", item.name, taken)
-        return False
-    except Exception:
-        logger.exception("component %r failed; the others go on", item.name)
-        return False
-    logger.info("component %r ended", item.name)
-    return True
+            problem = await _worked(item, node) or node.failure
+    except (OSError, SimpleRosError) as error:
+        problem = error
+    if problem is None or isinstance(problem, HandleClosed):
+        logger.info("component %r ended", item.name)
+        return True
+    if isinstance(problem, NodeNameTaken):
+        logger.error("component %r ends: %s", item.name, problem)
+    else:
+        logger.error("component %r failed; the others go on", item.name, exc_info=problem)
+    return False
+
+
+async def _worked(item: Component, node: NodeHandle) -> Exception | None:
+    """Let it work until it or its node ends; how it failed, if it did."""
+    work = asyncio.ensure_future(item.run(node))
+    ended = asyncio.create_task(node.wait_ended())
+    try:
+        await asyncio.wait((work, ended), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in (work, ended):
+            task.cancel()
+        (result,) = await asyncio.gather(work, return_exceptions=True)
+    return result if isinstance(result, Exception) else None
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -151,7 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     words = [word for word in (sys.argv[1:] if argv is None else argv) if ":=" not in word]
     options = parser.parse_args(words)
-    sys.path.insert(0, os.getcwd())
+    sys.path.insert(0, str(Path.cwd()))
     try:
         found = [component(spec) for spec in options.components]
         transports = tuple(name.strip() for name in options.transports.split(",") if name.strip())
