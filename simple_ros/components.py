@@ -128,13 +128,14 @@ async def _worked(item: Component, node: NodeHandle) -> Exception | None:
     """Let it work until it or its node ends; how it failed, if it did."""
     work = asyncio.ensure_future(item.run(node))
     ended = asyncio.create_task(node.wait_ended())
+    results: list[object] = []
     try:
         await asyncio.wait((work, ended), return_when=asyncio.FIRST_COMPLETED)
     finally:
         for task in (work, ended):
             task.cancel()
-        (result,) = await asyncio.gather(work, return_exceptions=True)
-    return result if isinstance(result, Exception) else None
+        results += await asyncio.gather(work, return_exceptions=True)
+    return results[0] if isinstance(results[0], Exception) else None
 
 
 def main(argv: Sequence[str] | None = None) -> int:
