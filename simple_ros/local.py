@@ -85,6 +85,9 @@ class LocalLink:
             self._scheduled = True
             self._loop.call_soon(self._deliver)
 
+    takes_any = False
+    """Whether everything is taken for now: it depends on the queue."""
+
     def has_room(self, size: int, count: int = 1) -> bool:
         """Whether ``count`` messages of ``size`` bytes in all can be queued, with none given up."""
         waiting = len(self.queue) + count <= self._profile.depth

@@ -2,7 +2,7 @@
 
 A message is serialised once, whatever the number of subscribers. A message that comes alone is sent
 at once. Those that follow it within 0.1 ms are a burst: they are joined and sent together when the
-present tick of the event loop ends, or earlier, when 64 of them or 64 KiB have gathered. So a single
+present tick of the event loop ends, or earlier, when 64 of them or one of more than 1 KiB have gathered. So a single
 message is never delayed, a burst costs one system call, and a slow publisher costs no extra tick.
 """
 
@@ -43,7 +43,7 @@ _pack_u32 = Struct(">I").pack
 _monotonic = time.monotonic
 _get_ident = threading.get_ident
 _BATCH_MESSAGES = 64
-_BATCH_BYTES = 64 * 1024
+_SMALL_BYTES = 1024
 _BURST_S = 100e-6
 
 
@@ -116,8 +116,9 @@ class Publisher(Generic[MessageT]):
         self._blocks = qos.overflow == "block"
         self._ticking = False
         self._sent_at = 0.0
-        self._batched = 0
-        self._batched_bytes = 0
+        self._is_plain = False
+        self._header = b""
+        self._batch: list[bytes] = []
         self._closed = False
         self._changed = asyncio.Event()
         self._room = asyncio.Event()
@@ -140,7 +141,18 @@ class Publisher(Generic[MessageT]):
         """
         if message.__class__ is not self.message_class:
             self.check_type(message)
-        if self._links.references:
+        if self._is_plain and self._ticking and _get_ident() == self._thread:
+            # The same as below, without asking what cannot be the case. Half the cost of a burst.
+            payload = self.encode(message)
+            size = len(payload)
+            if size <= _SMALL_BYTES:
+                batch = self._batch
+                batch.append(self._header + _pack_u32(size) + payload)
+                if len(batch) >= _BATCH_MESSAGES:
+                    self._send_batch()
+                return
+            self.publish_bytes(payload)
+        elif self._links.references:
             self._publish_object(message)
         else:
             self.publish_bytes(self.encode(message))
@@ -180,7 +192,19 @@ class Publisher(Generic[MessageT]):
         """
         if message.__class__ is not self.message_class:
             self.check_type(message)
-        if self._links.references:
+        if self._is_plain and self._ticking and _get_ident() == self._thread:
+            payload = self.encode(message)
+            size = len(payload)
+            if size <= _SMALL_BYTES:
+                batch = self._batch
+                batch.append(self._header + _pack_u32(size) + payload)
+                if len(batch) >= _BATCH_MESSAGES:
+                    self._send_batch()
+                    # Give everybody else a turn.
+                    await asyncio.sleep(0)
+                return
+            await self.publish_bytes_async(payload)
+        elif self._links.references:
             await self._wait_for_room(1)
             self._publish_object(message)
         else:
@@ -189,7 +213,8 @@ class Publisher(Generic[MessageT]):
     async def publish_bytes_async(self, payload: bytes) -> None:
         """Send a message that is serialised already, as `publish_async`."""
         size = self._checked_size(payload)
-        await self._wait_for_room(size)
+        if self._closed or (self._blocks and not self._has_room(size)):
+            await self._wait_for_room(size)
         if self._links.references:
             self._publish_object(self._codec.decoder(self.message_class)(payload), payload)
             return
@@ -221,26 +246,26 @@ class Publisher(Generic[MessageT]):
             raise RuntimeError(
                 f"publish on {self.topic!r} was called from another thread than its event loop's"
             )
-        self._published += 1
         if self._latches:
             self._latched = payload, self._expiry()
         if self._deadline is not None:
             self._deadline.happened()
         if not self._links.spellings:
+            self._published += 1
             return False
         if not self._ticking:
             now = _monotonic()
             if now - self._sent_at > _BURST_S:
                 self._sent_at = now
+                self._published += 1
                 self._send_now(payload)
                 return False
             self._ticking = True
             self._loop.call_soon(self._end_tick)
         for spelling in self._links.spellings:
             spelling.batch.append(spelling.header + _pack_u32(size) + payload)
-        self._batched += 1
-        self._batched_bytes += size
-        if self._batched >= _BATCH_MESSAGES or self._batched_bytes >= _BATCH_BYTES:
+        waiting = self._links.spellings[0].batch
+        if len(waiting) >= _BATCH_MESSAGES or size > _SMALL_BYTES:
             self._send_batch()
             return True
         return False
@@ -255,28 +280,30 @@ class Publisher(Generic[MessageT]):
 
     def _end_tick(self) -> None:
         self._ticking = False
-        if self._batched:
-            self._send_batch()
+        self._send_batch()
 
     def _send_batch(self) -> None:
-        self._batched = self._batched_bytes = 0
+        spellings = self._links.spellings
+        if not spellings or not spellings[0].batch:
+            return
+        self._published += len(spellings[0].batch)
         expires_at = self._expiry()
-        for spelling in self._links.spellings:
-            frames = spelling.batch
-            if frames:
-                spelling.batch = []
-                joined = b"".join(frames)
-                for link in spelling.links:
-                    link.send(frames, joined, expires_at)
+        for spelling in spellings:
+            frames = tuple(spelling.batch)
+            spelling.batch.clear()
+            joined = b"".join(frames)
+            for link in spelling.links:
+                link.send(frames, joined, expires_at)
 
     def _expiry(self) -> float:
         return self._lifespan if self._lifespan == math.inf else self._loop.time() + self._lifespan
 
     def _has_room(self, size: int) -> bool:
         """Whether every link can take one more message, after what waits in this tick's batch."""
-        if self._links.have_room(size + self._batched_bytes, self._batched + 1):
+        batch = self._links.spellings[0].batch if self._links.spellings else ()
+        if self._links.have_room(size + sum(map(len, batch)), len(batch) + 1):
             return True
-        if not self._batched:
+        if not batch:
             return False
         self._send_batch()
         return self._links.have_room(size)
@@ -316,8 +343,13 @@ class Publisher(Generic[MessageT]):
         """Counters so far."""
         total = self._links.totals
         return PublisherStatistics(
-            self._published, total.sent, total.dropped, total.expired, total.waiting
+            self._published + self._batched, total.sent, total.dropped, total.expired, total.waiting
         )
+
+    @property
+    def _batched(self) -> int:
+        """Messages that wait for the end of this tick."""
+        return len(self._links.spellings[0].batch) if self._links.spellings else 0
 
     @property
     def targets(self) -> tuple[Target, ...]:
@@ -356,7 +388,19 @@ class Publisher(Generic[MessageT]):
             frame = self._links.header_of(link.target) + _pack_u32(len(payload)) + payload
             link.send((frame,), frame, expires_at)
 
+    def _reconsider(self) -> None:
+        """Whether the next message of a burst needs nothing but to be appended to the batch."""
+        spellings = self._links.spellings
+        self._is_plain = (
+            len(spellings) == 1
+            and not (self._closed or self._latches or self._deadline or self._links.references)
+            and (not self._blocks or all(link.takes_any for link in spellings[0].links))
+        )
+        if self._is_plain:
+            self._header, self._batch = spellings[0].header, spellings[0].batch
+
     def _has_changed(self) -> None:
+        self._reconsider()
         self._changed.set()
         self._room.set()
 

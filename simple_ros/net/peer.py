@@ -99,6 +99,11 @@ class OutboundLink(asyncio.Protocol):
         for frame in frames:
             self.queue.push(frame, len(frame), expires_at)
 
+    @property
+    def takes_any(self) -> bool:
+        """Whether everything goes straight to the network for now."""
+        return self._direct
+
     def has_room(self, size: int, count: int = 1) -> bool:
         """Whether ``count`` messages of ``size`` bytes in all can go with none given up."""
         return self._direct or self.queue.has_room(size, count)
@@ -221,6 +226,7 @@ class OutboundLink(asyncio.Protocol):
         self._paused = True
         self._direct = False
         self._idle.clear()
+        self._on_room()
 
     def resume_writing(self) -> None:
         self._paused = False
