@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from simple_ros.errors import ConfigError
 
-__all__ = ["TimerEvent", "TimerSchedule"]
+__all__ = ["RateSchedule", "TimerEvent", "TimerSchedule"]
 
 
 class TimerEvent(NamedTuple):
@@ -132,3 +132,39 @@ def _checked(period_s: float) -> float:
     if not (period_s > 0 and math.isfinite(period_s)):
         raise ConfigError(f"a timer period is a positive number of seconds, not {period_s!r}")
     return float(period_s)
+
+
+class RateSchedule:
+    """When a loop that runs at a rate goes on.
+
+    The phase is kept while the work fits the period. A loop that is late by more than a period, or whose
+    clock went back, starts over: nothing is caught up.
+
+    Args:
+        hz: Turns a second, more than 0.
+        now: Seconds on the loop's clock.
+
+    Raises:
+        ConfigError: The rate is not a positive number.
+    """
+
+    def __init__(self, hz: float, now: float) -> None:
+        if not (hz > 0 and math.isfinite(hz)):
+            raise ConfigError(f"a rate is a positive number of turns a second, not {hz!r}")
+        self.period_s = 1.0 / hz
+        self._started = now
+
+    def turn_end(self, now: float) -> float:
+        """When the present turn ends; the next begins then, or at once if that has passed."""
+        if now < self._started:
+            self._started = now
+        end = self._started + self.period_s
+        if now > end + self.period_s:
+            self._started = now
+            return now
+        self._started = end
+        return end
+
+    def restart(self, now: float) -> None:
+        """A new phase from now."""
+        self._started = now
