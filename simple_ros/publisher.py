@@ -117,7 +117,9 @@ class Publisher(Generic[MessageT]):
         self._ticking = False
         self._sent_at = 0.0
         self._is_plain = False
-        self._header = b""
+        self._bursts = False
+        self._size = -1
+        self._prefix = b""
         self._batch: list[bytes] = []
         self._closed = False
         self._changed = asyncio.Event()
@@ -141,13 +143,13 @@ class Publisher(Generic[MessageT]):
         """
         if message.__class__ is not self.message_class:
             self.check_type(message)
-        if self._is_plain and self._ticking and _get_ident() == self._thread:
-            # The same as below, without asking what cannot be the case. Half the cost of a burst.
+        if self._bursts and _get_ident() == self._thread:
+            # The same as below, without asking what cannot be the case: half the cost of a burst.
             payload = self.encode(message)
             size = len(payload)
             if size <= _SMALL_BYTES:
                 batch = self._batch
-                batch.append(self._header + _pack_u32(size) + payload)
+                batch.append((self._prefix if size == self._size else self._prefixed(size)) + payload)
                 if len(batch) >= _BATCH_MESSAGES:
                     self._send_batch()
                 return
@@ -192,12 +194,12 @@ class Publisher(Generic[MessageT]):
         """
         if message.__class__ is not self.message_class:
             self.check_type(message)
-        if self._is_plain and self._ticking and _get_ident() == self._thread:
+        if self._bursts:
             payload = self.encode(message)
             size = len(payload)
             if size <= _SMALL_BYTES:
                 batch = self._batch
-                batch.append(self._header + _pack_u32(size) + payload)
+                batch.append((self._prefix if size == self._size else self._prefixed(size)) + payload)
                 if len(batch) >= _BATCH_MESSAGES:
                     self._send_batch()
                     # Give everybody else a turn.
@@ -261,6 +263,7 @@ class Publisher(Generic[MessageT]):
                 self._send_now(payload)
                 return False
             self._ticking = True
+            self._bursts = self._is_plain
             self._loop.call_soon(self._end_tick)
         for spelling in self._links.spellings:
             spelling.batch.append(spelling.header + _pack_u32(size) + payload)
@@ -279,7 +282,7 @@ class Publisher(Generic[MessageT]):
                 link.send(frames, frame, expires_at)
 
     def _end_tick(self) -> None:
-        self._ticking = False
+        self._ticking = self._bursts = False
         self._send_batch()
 
     def _send_batch(self) -> None:
@@ -396,8 +399,16 @@ class Publisher(Generic[MessageT]):
             and not (self._closed or self._latches or self._deadline or self._links.references)
             and (not self._blocks or all(link.takes_any for link in spellings[0].links))
         )
+        self._size = -1
+        self._bursts = self._is_plain and self._ticking
         if self._is_plain:
-            self._header, self._batch = spellings[0].header, spellings[0].batch
+            self._batch = spellings[0].batch
+
+    def _prefixed(self, size: int) -> bytes:
+        """What stands before a message of so many bytes; kept, since the next often has as many."""
+        self._size = size
+        self._prefix = self._links.spellings[0].header + _pack_u32(size)
+        return self._prefix
 
     def _has_changed(self) -> None:
         self._reconsider()

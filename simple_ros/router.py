@@ -43,6 +43,14 @@ class Sink(Protocol):
     def take(self, message: Any, size: int) -> None:
         """One message: an object, or its bytes if `wants_bytes`."""
 
+    def take_payloads(
+        self,
+        payloads: list[memoryview],
+        parse: Callable[[Any], Any],
+        unparsable: Callable[[memoryview, DecodeError], None],
+    ) -> None:
+        """Messages that are still to be parsed; only called if `is_direct`."""
+
     def take_batch(self, messages: list[Any]) -> None:
         """All messages of one read; only called if `takes_batches`."""
 
@@ -213,7 +221,10 @@ class Route:
             if sink.takes_batches:
                 sink.take_batch(self._batch(sink, payloads))
                 return
-            self._deliver_to_one(sink, payloads)
+            if sink.is_direct:
+                sink.take_payloads(payloads, self._parsers[sink], self._unparsable)
+            else:
+                self._deliver_to_one(sink, payloads)
             return
         for payload in payloads:
             self._deliver_to_each(payload)

@@ -21,6 +21,8 @@ from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
+from google.protobuf.message import DecodeError
+
 from simple_ros.callbacks import CALLBACK_ERRORS, CallbackGuard, is_async, is_being_cancelled
 from simple_ros.errors import HandleClosed
 from simple_ros.events import DeadlineMissed, LivelinessChanged, QosEvent, QosEventCallback
@@ -132,6 +134,30 @@ class Subscriber(Generic[MessageT]):
             self._callback(message)  # type: ignore[misc]
         except CALLBACK_ERRORS as error:
             self._guard.failed(error)
+
+    def take_payloads(
+        self,
+        payloads: list[memoryview],
+        parse: Callable[[Any], Any],
+        unparsable: Callable[[memoryview, DecodeError], None],
+    ) -> None:
+        """What one read of a link brought, still to be parsed (called by the router, if `is_direct`)."""
+        callback: Any = self._callback
+        received = 0
+        for payload in payloads:
+            try:
+                message = parse(payload)
+            except DecodeError as error:
+                unparsable(payload, error)
+                continue
+            if self._closed:
+                break
+            received += 1
+            try:
+                callback(message)
+            except CALLBACK_ERRORS as error:
+                self._guard.failed(error)
+        self._received += received
 
     def take_batch(self, messages: list[Any]) -> None:
         """All that one read of a link brought (called by the router, if `takes_batches`)."""

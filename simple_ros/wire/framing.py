@@ -206,6 +206,7 @@ class FrameDecoder:
         start, end, limit, skip = self._start, self._end, self._limit, len(self._header)
         payloads: list[memoryview] = []
         append = payloads.append
+        starts_with = buffer.startswith
         oversized = size = 0
         while True:
             begin = start + skip + 4
@@ -217,11 +218,18 @@ class FrameDecoder:
                 oversized = self._drain = size
                 start = begin
                 break
-            if begin + size > end:
+            stop = begin + size
+            if stop > end:
                 break
-            append(view[begin : begin + size])
-            start = begin + size
-            if not buffer.startswith(header, start):
+            append(view[begin:stop])
+            # Messages of one topic are often of one size: one comparison tells.
+            prefix = view[start:begin]
+            ahead = skip + 4
+            start = stop
+            while starts_with(prefix, start) and (stop := start + ahead + size) <= end:
+                append(view[start + ahead : stop])
+                start = stop
+            if not starts_with(header, start):
                 break
         self._start = start
         self._wanted = skip + 4 + size
