@@ -32,6 +32,7 @@ class Sink(Protocol):
 
     wants_bytes: bool
     takes_batches: bool
+    takes_payloads: bool
     is_direct: bool
     waits: bool
     qos: QosProfile
@@ -49,7 +50,7 @@ class Sink(Protocol):
         parse: Callable[[Any], Any],
         unparsable: Callable[[memoryview, DecodeError], None],
     ) -> None:
-        """Messages that are still to be parsed; only called if `is_direct`."""
+        """Messages that are still to be parsed; only called if `takes_payloads`."""
 
     def take_batch(self, messages: list[Any]) -> None:
         """All messages of one read; only called if `takes_batches`."""
@@ -221,7 +222,7 @@ class Route:
             if sink.takes_batches:
                 sink.take_batch(self._batch(sink, payloads))
                 return
-            if sink.is_direct:
+            if sink.takes_payloads:
                 sink.take_payloads(payloads, self._parsers[sink], self._unparsable)
             else:
                 self._deliver_to_one(sink, payloads)

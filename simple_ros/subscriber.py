@@ -108,6 +108,7 @@ class Subscriber(Generic[MessageT]):
         self._watchdogs = self._made_watchdogs()
         self._alive = False
         self.is_direct = self.take == self._call_directly and room_elsewhere is None
+        self.takes_payloads = self.is_direct and not self._watchdogs
         self._room_elsewhere = room_elsewhere
         self.waits = qos.overflow == "block"
         self._waiting: list[Callable[[], None]] = []
@@ -141,7 +142,7 @@ class Subscriber(Generic[MessageT]):
         parse: Callable[[Any], Any],
         unparsable: Callable[[memoryview, DecodeError], None],
     ) -> None:
-        """What one read of a link brought, still to be parsed (called by the router, if `is_direct`)."""
+        """What one read of a link brought, still to be parsed (called by the router, if `takes_payloads`)."""
         callback: Any = self._callback
         received = 0
         for payload in payloads:

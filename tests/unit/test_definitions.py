@@ -99,7 +99,7 @@ def declare(
     types: TypeStore, graph: MessageGraph, files: descriptor_pb2.FileDescriptorSet
 ) -> master.DeclareTypeResponse:
     request = master.DeclareTypeRequest(type_name="mine.Thing", files=files)
-    return declare_type(types, graph, request)
+    return declare_type(types, graph.types_in_use, request)
 
 
 def test_a_type_in_use_cannot_be_redefined_one_that_is_not_can() -> None:

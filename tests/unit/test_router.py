@@ -19,6 +19,7 @@ class FakeLink:
 class FakeSink:
     wants_bytes = False
     takes_batches = False
+    takes_payloads = False
     is_direct = True
     waits = False
     has_received = False
