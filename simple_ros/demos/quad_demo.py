@@ -15,7 +15,7 @@ from collections.abc import Coroutine
 from typing import Any, Protocol
 
 from simple_ros.demos.observer import TopicObserver
-from simple_ros.demos.processes import ChildProcess, ProcessEnded, Processes, UsageMeter
+from simple_ros.demos.processes import DemoProcess, ProcessEnded, Processes, UsageMeter
 from simple_ros.demos.quad_demo_view import DemoState, ProcessRow
 from simple_ros.errors import SimpleRosError
 from simple_ros.msg.geometry_msgs import Odometry
@@ -122,7 +122,7 @@ class QuadDemo:
         line = await child.line_with("listening on ")
         return line.rpartition(" ")[2]
 
-    async def _start(self, name: str, module: str, *arguments: str) -> ChildProcess:
+    async def _start(self, name: str, module: str, *arguments: str) -> DemoProcess:
         return await self._processes.start(name, [sys.executable, "-m", module, *arguments])
 
     # -- watching ------------------------------------------------------------------------------
