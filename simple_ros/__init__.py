@@ -9,10 +9,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from simple_ros.errors import (
+    ActionError,
+    ActionServerLost,
     AddressInUse,
+    CancelRejected,
     ConfigError,
     FrameError,
+    GoalAborted,
+    GoalCanceled,
+    GoalRejected,
     HandleClosed,
+    InvalidGoalTransition,
     InvalidName,
     MasterUnavailable,
     MessageTooLarge,
@@ -27,6 +34,7 @@ from simple_ros.errors import (
     SimpleRosError,
     TopicTypeMismatch,
     TypeDefinitionConflict,
+    UnknownGoal,
     UnknownMessageType,
 )
 from simple_ros.events import (
@@ -47,12 +55,35 @@ from simple_ros.qos import (
     QosProfile,
     Reliability,
 )
+from simple_ros.ready import ready
 from simple_ros.schedule import TimerEvent
 
 if TYPE_CHECKING:
-    from simple_ros.blocking import Publisher, ServiceClient, ServiceServer, Subscriber, Timer
+    from simple_ros.actions.client_goal import GoalOutcome
+    from simple_ros.actions.states import GoalState
+    from simple_ros.arguments import Arguments, BadArgument, argv
+    from simple_ros.blocking import (
+        ActionClient,
+        ActionServer,
+        ClientGoal,
+        ParameterWatch,
+        Publisher,
+        ServerGoal,
+        ServiceClient,
+        ServiceServer,
+        Subscriber,
+        Timer,
+    )
     from simple_ros.message_queue import CallbackGroup, MessageQueue
-    from simple_ros.msg.interfaces import ServiceType
+    from simple_ros.msg.interfaces import ActionType, ServiceType
+    from simple_ros.parameters.convert import ParameterInfo
+    from simple_ros.parameters.errors import (
+        BadParameterText,
+        ParameterError,
+        ParameterRefused,
+        UnknownParameter,
+    )
+    from simple_ros.parameters.feed import ParameterChanged
     from simple_ros.rpc_client import RosRpcClient
     from simple_ros.system_manager import NodeHandle, SystemManager
 
@@ -63,16 +94,32 @@ __all__ = [
     "DEFAULT",
     "LATCHED",
     "SENSOR_DATA",
+    "ActionClient",
+    "ActionError",
+    "ActionServer",
+    "ActionServerLost",
+    "ActionType",
     "AddressInUse",
+    "Arguments",
+    "BadArgument",
+    "BadParameterText",
     "CallbackGroup",
+    "CancelRejected",
+    "ClientGoal",
     "ConfigError",
     "DeadlineMissed",
     "Durability",
     "FrameError",
+    "GoalAborted",
+    "GoalCanceled",
+    "GoalOutcome",
+    "GoalRejected",
+    "GoalState",
     "GraphChange",
     "GraphSnapshot",
     "HandleClosed",
     "IncompatibleQos",
+    "InvalidGoalTransition",
     "InvalidName",
     "Liveliness",
     "LivelinessChanged",
@@ -82,6 +129,11 @@ __all__ = [
     "MsgFactory",
     "NodeHandle",
     "NodeNameTaken",
+    "ParameterChanged",
+    "ParameterError",
+    "ParameterInfo",
+    "ParameterRefused",
+    "ParameterWatch",
     "Publisher",
     "QosEvent",
     "QosProfile",
@@ -90,6 +142,7 @@ __all__ = [
     "Reliability",
     "RemoteServiceError",
     "RosRpcClient",
+    "ServerGoal",
     "ServiceCallError",
     "ServiceClient",
     "ServiceServer",
@@ -105,11 +158,32 @@ __all__ = [
     "TopicTypeMismatch",
     "TypeConflict",
     "TypeDefinitionConflict",
+    "UnknownGoal",
     "UnknownMessageType",
+    "ready",
+    "UnknownParameter",
+    "argv",
 ]
 
 
 _LAZY = {
+    "ActionClient": "simple_ros.blocking",
+    "ActionServer": "simple_ros.blocking",
+    "ActionType": "simple_ros.msg.interfaces",
+    "ClientGoal": "simple_ros.blocking",
+    "GoalOutcome": "simple_ros.actions.client_goal",
+    "GoalState": "simple_ros.actions.states",
+    "ServerGoal": "simple_ros.blocking",
+    "Arguments": "simple_ros.arguments",
+    "BadArgument": "simple_ros.arguments",
+    "argv": "simple_ros.arguments",
+    "BadParameterText": "simple_ros.parameters.errors",
+    "ParameterChanged": "simple_ros.parameters.feed",
+    "ParameterError": "simple_ros.parameters.errors",
+    "ParameterInfo": "simple_ros.parameters.convert",
+    "ParameterWatch": "simple_ros.blocking",
+    "ParameterRefused": "simple_ros.parameters.errors",
+    "UnknownParameter": "simple_ros.parameters.errors",
     "CallbackGroup": "simple_ros.message_queue",
     "MessageQueue": "simple_ros.message_queue",
     "NodeHandle": "simple_ros.system_manager",

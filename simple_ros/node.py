@@ -12,6 +12,7 @@ from google.protobuf.message import DecodeError, Message
 
 from simple_ros.arguments import Arguments, process_arguments
 from simple_ros.callbacks import CallbackGuard, is_being_cancelled
+from simple_ros.clock import Clock
 from simple_ros.codecs import codec_of
 from simple_ros.endpoints import Endpoints
 from simple_ros.errors import HandleClosed, SimpleRosError
@@ -22,6 +23,7 @@ from simple_ros.net.feeder import Source
 from simple_ros.net.master_client import ForeignMaster, MasterClient, MasterConnector, MasterDouble
 from simple_ros.net.server import NodeServer
 from simple_ros.net.transport import TCP, Transport, TransportChoice, chosen_transports
+from simple_ros.node_actions import ActionMethods
 from simple_ros.node_services import ServiceMethods
 from simple_ros.parameters.face import ParameterFace
 from simple_ros.parameters.local import NodeParameters
@@ -48,7 +50,7 @@ _FLUSH_S = 0.4
 _nodes: dict[str, NodeHandle] = {}
 
 
-class NodeHandle(ServiceMethods, ParameterFace):
+class NodeHandle(ActionMethods, ServiceMethods, ParameterFace):
     """A node of the message graph, on the running event loop.
 
     Use it as ``async with NodeHandle("talker") as node:``, or call `start` and `close`. Several nodes
@@ -119,6 +121,7 @@ class NodeHandle(ServiceMethods, ParameterFace):
         if told.log_level:
             logging.getLogger().setLevel(told.log_level.upper())
         self._init_services()
+        self._init_actions()
         self._wanted_port = port
         self._max_message_bytes = max_message_bytes
         self._server: NodeServer | None = None
@@ -155,6 +158,8 @@ class NodeHandle(ServiceMethods, ParameterFace):
             self._registrar = Registrar(
                 self.identity, self.endpoints, self._parameters, self._connect, self._failed
             )
+            # With simulated time it follows /clock from here on.
+            Clock.attach(self)
         return self
 
     async def _started_server(self) -> NodeServer:
@@ -187,6 +192,7 @@ class NodeHandle(ServiceMethods, ParameterFace):
         try:
             for timer in list(self._timers):
                 timer.close_sparing(caller)
+            await self._finish_actions(caller)
             await self.endpoints.flush(self.flush_allowance())
             if self._registrar is not None:
                 await self._registrar.close()
@@ -210,6 +216,7 @@ class NodeHandle(ServiceMethods, ParameterFace):
         return max(0.0, self._flush_until - loop.time())
 
     def _abandon(self, caller: asyncio.Task[Any] | None = None) -> None:
+        self._abandon_actions(caller)
         self.endpoints.abandon(caller)
         self._parameters.abandon()
         self.providers.close()
@@ -265,6 +272,11 @@ class NodeHandle(ServiceMethods, ParameterFace):
     def node_info(self) -> ros.NodeInfo:
         """Name, instance and addresses, as they are now."""
         return self.identity.node_info()
+
+    @property
+    def clock(self) -> Clock:
+        """What its timers, rates and stamps go by: the computer's time, or simulated time."""
+        return Clock.attach(self)
 
     @property
     def client(self) -> MasterClient:
@@ -324,7 +336,7 @@ class NodeHandle(ServiceMethods, ParameterFace):
         """A publisher on a topic; returns when the Master knows it (and waits for a Master).
 
         Args:
-            topic: Topic name; a leading slash means nothing.
+            topic: Topic name; what it means says `resolve_name`.
             message_class: Class of its messages: a protobuf class, or one that a codec handles.
             qos: What is offered; a number is a depth.
             on_event: Called with `DeadlineMissed`, `IncompatibleQos`, `TypeConflict`.
@@ -399,7 +411,7 @@ class NodeHandle(ServiceMethods, ParameterFace):
         """A subscription to a topic; returns when the Master knows it (and waits for a Master).
 
         Args:
-            topic: Topic name; a leading slash means nothing.
+            topic: Topic name; what it means says `resolve_name`.
             message_type: Class of its messages, or their full protobuf name.
             callback: Called with each message; plain or a coroutine function. None leaves messages to
                 ``async for message in subscriber``. Subscriptions of one node to one topic are given

@@ -28,6 +28,7 @@ from simple_ros.errors import (
 from simple_ros.identity import Identity
 from simple_ros.net.addresses import join_address
 from simple_ros.net.master_client import ForeignMaster, LeaseStream, MasterConnector
+from simple_ros.parameters.local import NodeParameters
 from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros.rpc import services_pb2 as srv
@@ -53,6 +54,7 @@ class Registrar:
     Args:
         identity: Who the node is.
         endpoints: What it publishes and subscribes.
+        parameters: What it declares.
         connect: Makes a connection to the Master.
         on_failed: Called when the node is no longer registered, for good.
 
@@ -65,6 +67,7 @@ class Registrar:
         self,
         identity: Identity,
         endpoints: Endpoints,
+        parameters: NodeParameters,
         connect: MasterConnector,
         on_failed: Callable[[SimpleRosError], None],
     ) -> None:
@@ -73,6 +76,7 @@ class Registrar:
         self.is_foreign: bool | None = None
         self._identity = identity
         self._endpoints = endpoints
+        self._parameters = parameters
         self._on_failed = on_failed
         self._address = self.client.address
         self._registrations = Registrations()
@@ -187,7 +191,11 @@ class Registrar:
         self._lease = lease
         self._met(foreign=False)
         try:
-            await first_of(self._listen(lease), self._tell_all())
+            await first_of(
+                self._listen(lease),
+                self._tell_all(),
+                self._parameters.declarer.session(self.client, granted.master_id),
+            )
         finally:
             self._lease = None
             lease.cancel()
@@ -198,7 +206,11 @@ class Registrar:
         await probing.close()
         self._met(foreign=True)
         try:
-            await first_of(self.client.wait_until_lost(), self._tell_foreign())
+            await first_of(
+                self.client.wait_until_lost(),
+                self._tell_foreign(),
+                self._parameters.declarer.session_alone(),
+            )
         finally:
             plain, self.client = self.client, self._connect(keepalive=True)
             await plain.close()
@@ -215,7 +227,8 @@ class Registrar:
             if event.WhichOneof("kind") == "name_taken":
                 by = event.name_taken.taken_by
                 raise NodeNameTaken(self._identity.name, join_address(by.ip, by.port))
-            self._endpoints.notice(event)
+            if not self._parameters.heard(event, lease):
+                self._endpoints.notice(event)
 
     # -- telling our Master --------------------------------------------------------------------
 

@@ -9,20 +9,21 @@
     system.init("listener")
     NodeHandle().subscribe("chatter", String, lambda message: print(message.data))
     system.spin()
+
+`NodeHandle("listener")` alone does what the first two lines do, and has a `spin` of its own.
 """
 
 from __future__ import annotations
 
 import atexit
 import os
-import signal
-import sys
 import threading
 import time
-from types import FrameType
 from typing import Any, Self
 
+from simple_ros.arguments import Arguments
 from simple_ros.blocking import BlockingNode
+from simple_ros.blocking.process import ProcessHooks
 from simple_ros.executor import Executor
 from simple_ros.message_queue import MessageQueue
 from simple_ros.net.loop import BackgroundLoop
@@ -50,8 +51,7 @@ class SystemManager:
         self._node: AsyncNodeHandle | None = None
         self._nodes: list[BlockingNode] = []
         self._spinning: int | None = None
-        self._old_handlers: dict[int, Any] = {}
-        self._failure_told = False
+        self._hooks = ProcessHooks(self._interrupt)
 
     @classmethod
     def instance(cls) -> SystemManager:
@@ -71,6 +71,8 @@ class SystemManager:
         master: str | None = None,
         ip: str | None = None,
         transports: TransportChoice = None,
+        namespace: str = "",
+        arguments: Arguments | None = None,
     ) -> None:
         """Start the node of this process: ``init()``, ``init(port)``, ``init(name)``, ``init(port, name)``.
 
@@ -85,10 +87,15 @@ class SystemManager:
             master: ``host:port`` of the Master; None takes ``SIMPLE_ROS_MASTER`` or the default.
             ip: Dotted IPv4 that peers see; None finds it.
             transports: How messages may travel, see `simple_ros.aio.NodeHandle`.
+            namespace: Where its relative names are; ``__ns:=`` replaces it.
+            arguments: Name, namespace, remaps and parameters from outside; None takes those of the
+                process, from ``SIMPLE_ROS_ARGS`` and the command line.
 
         Raises:
             RuntimeError: It was called before, with no `shutdown` in between.
             InvalidName: The name breaks the rules.
+            BadArgument: A word of the command line makes no sense.
+            BadParameterText: A file of parameters is wrong.
             AddressInUse: The port is taken.
         """
         for arg in args:
@@ -105,15 +112,21 @@ class SystemManager:
                 ip=ip,
                 port=port,
                 transports=transports,
+                namespace=namespace,
+                arguments=arguments,
             )
-            if self._executor.is_stopped:
-                self._executor = Executor()
-            loop = self._started_loop()
-            loop.run(node.start())
-            loop.start(self._await_end(node))
-            self._node = node
-        self._take_signals()
-        atexit.register(self.shutdown)
+            self._begin(node)
+
+    def _begin(self, node: AsyncNodeHandle) -> None:
+        """Start the process's own node."""
+        if self._executor.is_stopped:
+            self._executor = Executor()
+        loop = self._started_loop()
+        loop.run(node.start())
+        loop.start(self._await_end(node))
+        self._node = node
+        self._hooks.take()
+        atexit.register(self._at_exit)
 
     def _started_loop(self) -> BackgroundLoop:
         if self._loop is None:
@@ -135,38 +148,32 @@ class SystemManager:
             self._node = self._loop = None
         if loop is None:
             return
-        for other in nodes:
-            other.close()
-        if node is not None:
-            loop.run(node.close())
-        loop.stop()
-        self._give_signals_back()
-        atexit.unregister(self.shutdown)
+        self._hooks.hold()
+        try:
+            for other in nodes:
+                BlockingNode.close(other)
+            if node is not None:
+                loop.run(node.close())
+            loop.stop()
+        finally:
+            atexit.unregister(self._at_exit)
+            self._hooks.give_back()
+
+    def _at_exit(self) -> None:
+        self._hooks.give_up()
+        self.shutdown()
+
+    def _interrupt(self) -> bool:
+        """A signal has come: ends the spin, if it interrupted one."""
+        spins = self._spinning == threading.get_ident()
+        if spins:
+            self._executor.stop()
+        return spins
 
     @property
     def is_running(self) -> bool:
         """Whether it is between `init` and its end."""
         return self._node is not None and not self._executor.is_stopped
-
-    # -- signals -------------------------------------------------------------------------------
-
-    def _take_signals(self) -> None:
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                if number not in self._old_handlers:
-                    self._old_handlers[number] = signal.signal(number, self._signalled)
-
-    def _give_signals_back(self) -> None:
-        if threading.current_thread() is threading.main_thread():
-            for number, handler in self._old_handlers.items():
-                signal.signal(number, handler)
-            self._old_handlers.clear()
-
-    def _signalled(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002
-        if self._spinning == threading.get_ident():
-            self._executor.stop()
-        else:
-            sys.exit(0)
 
     # -- callbacks -----------------------------------------------------------------------------
 
@@ -239,36 +246,55 @@ class SystemManager:
 
     def _checked_node(self) -> AsyncNodeHandle:
         if self._node is None:
-            raise RuntimeError("call SystemManager.instance().init(name) first")
+            raise RuntimeError(
+                "no node was started: NodeHandle(name) or SystemManager.init(name) does"
+            )
         return self._node
 
-    def further_node(self, node: AsyncNodeHandle) -> tuple[BackgroundLoop, Executor]:
-        """Start another node of this process (called by `NodeHandle`)."""
-        self._checked_node()
-        loop = self._started_loop()
-        loop.run(node.start())
-        return loop, self._executor
+    def start_node(self, node: AsyncNodeHandle) -> tuple[BackgroundLoop, Executor]:
+        """Start a node (called by `NodeHandle`): the process's own, or a further one if that runs."""
+        with self._lock:
+            if self._node is not None and self._node.is_closed:
+                self.shutdown()
+            if self._node is None:
+                self._begin(node)
+            else:
+                self._started_loop().run(node.start())
+            return self._started_loop(), self._executor
+
+    def runs_on(self, loop: BackgroundLoop) -> bool:
+        """Whether that loop is the one that runs now (called by `NodeHandle`)."""
+        return self._loop is loop
 
     def parts(self) -> tuple[BackgroundLoop, Executor, AsyncNodeHandle]:
         """What the process's own node is made of (called by `NodeHandle`)."""
         return self._started_loop(), self._executor, self._checked_node()
 
     def adopt(self, node: BlockingNode) -> None:
-        """Close a further node at `shutdown` (called by `NodeHandle`)."""
+        """Close a node at `shutdown` (called by `NodeHandle`)."""
         self._nodes.append(node)
 
 
 class NodeHandle(BlockingNode):
     """A blocking handle to a node.
 
+    ::
+
+        node = NodeHandle("listener")
+        node.subscribe("chatter", String, lambda message: print(message.data))
+        node.spin()
+
     Args:
-        name: None means the node that `SystemManager.init` started; any number of handles may share it.
-            A name starts a further node in this process, spun with the first.
-        options: Of a further node: ``master``, ``ip``, ``port``, ``max_message_bytes``, ``transports``,
-            as of `simple_ros.aio.NodeHandle`.
+        name: The first one given in a process is the name of its own node, as with `SystemManager.init`;
+            each one after that starts a further node, spun with the first. None means the process's
+            own node, which was started before; any number of handles may share it.
+        options: Of a node that is started: ``master``, ``ip``, ``port``, ``max_message_bytes``,
+            ``transports``, ``namespace``, ``arguments``, as of `simple_ros.aio.NodeHandle`.
 
     Raises:
-        RuntimeError: `SystemManager.init` was not called.
+        RuntimeError: No name is given, and nothing was started before.
+        InvalidName: The name breaks the rules.
+        AddressInUse: The port is taken.
     """
 
     def __init__(self, name: str | None = None, **options: Any) -> None:
@@ -277,9 +303,27 @@ class NodeHandle(BlockingNode):
             super().__init__(*system.parts())
             return
         node = AsyncNodeHandle(name, **options)
-        loop, executor = system.further_node(node)
-        super().__init__(loop, executor, node)
+        super().__init__(*system.start_node(node), node)
         system.adopt(self)
+
+    def spin(self, threads: int = 1) -> None:
+        """Run the callbacks and timers of all nodes of the process; see `SystemManager.spin`.
+
+        Args:
+            threads: How many threads run them; see `CallbackGroup`.
+
+        Raises:
+            NodeNameTaken: A newer node runs under the name of the process's own node.
+        """
+        SystemManager.instance().spin(threads)
+
+    def close(self) -> None:
+        """Send what still waits, say goodbye to the Master, end everything.
+
+        Closing the process's own node ends every spin. Twice does nothing more.
+        """
+        if SystemManager.instance().runs_on(self._loop):
+            super().close()
 
     def __enter__(self) -> Self:
         return self

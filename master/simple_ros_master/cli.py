@@ -6,6 +6,7 @@ import asyncio
 import logging
 import signal
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -31,6 +32,14 @@ def command(
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free one.")
     ] = DEFAULT_PORT,
+    parameters: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            dir_okay=False,
+            help="Keep parameters that are set in this YAML file, for the next start.",
+        ),
+    ] = None,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Log every registration.")
     ] = False,
@@ -47,18 +56,18 @@ def command(
     )
     logging.getLogger("asyncio").setLevel(logging.INFO)
     try:
-        asyncio.run(_serve(host, port))
+        asyncio.run(_serve(host, port, parameters))
     except (SimpleRosError, OSError) as error:
         reason = getattr(error, "strerror", None) or error
         typer.echo(f"{PROGRAM}: error: {reason}", err=True)
         raise typer.Exit(1) from None
 
 
-async def _serve(host: str, port: int) -> None:
+async def _serve(host: str, port: int, parameters: Path | None) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    async with Master(host=host, port=port) as master:
+    async with Master(host=host, port=port, parameters=parameters) as master:
         typer.echo(f"{PROGRAM}: listening on {master.address}")
         await stop.wait()

@@ -6,6 +6,7 @@ import errno
 import socket
 import uuid
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -13,7 +14,10 @@ import grpc
 
 from simple_ros.errors import AddressInUse
 from simple_ros.net.addresses import RESERVED_PORTS, join_address
+from simple_ros.parameters.tree import ParameterTree
 from simple_ros_master.graph import MessageGraph
+from simple_ros_master.parameter_store import ParameterStore
+from simple_ros_master.parameters import MasterParameters
 from simple_ros_master.service import generic_handlers
 from simple_ros_master.switchboard import Switchboard
 
@@ -53,13 +57,22 @@ class Master:
     Args:
         host: Address to listen on; ``0.0.0.0`` or ``::`` for all.
         port: 0 for any free port.
+        parameters: A YAML file in which parameters that were set outlive the Master.
     """
 
-    def __init__(self, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT) -> None:
+    def __init__(
+        self,
+        *,
+        host: str = "127.0.0.1",
+        port: int = DEFAULT_PORT,
+        parameters: str | Path | None = None,
+    ) -> None:
         self._host = host
         self._port = port
         self._server: grpc.aio.Server | None = None
         self._board: Switchboard | None = None
+        self._file = None if parameters is None else Path(parameters)
+        self._parameters: MasterParameters | None = None
 
     @property
     def port(self) -> int:
@@ -77,6 +90,13 @@ class Master:
         if self._board is None:
             raise RuntimeError("the Master was not started")
         return self._board.directory.graph
+
+    @property
+    def parameters(self) -> ParameterTree:
+        """The parameters, to read; of a started Master only."""
+        if self._parameters is None:
+            raise RuntimeError("the Master was not started")
+        return self._parameters.tree
 
     async def __aenter__(self) -> Self:
         await self.start()
@@ -96,13 +116,18 @@ class Master:
         Raises:
             AddressInUse: Somebody else listens there.
             OSError: The address is none of this host's, or may not be used.
+            ConfigError: The file of parameters cannot be read.
+            BadParameterText: It is no file of parameters; tells the line.
         """
         if self._server is not None:
             raise RuntimeError("the Master was started already")
+        store = None if self._file is None else ParameterStore(self._file)
         _check_address(self._host, self._port)
         server, self._port = await _bind(self._host, self._port)
         self._board = Switchboard(uuid.uuid4().hex, master_version())
-        server.add_generic_rpc_handlers(generic_handlers(self._board))
+        self._parameters = MasterParameters(self._board, store)
+        self._parameters.start()
+        server.add_generic_rpc_handlers(generic_handlers(self._board, self._parameters))
         await server.start()
         self._server = server
 
@@ -111,6 +136,8 @@ class Master:
         server, self._server = self._server, None
         if server is not None and self._board is not None:
             await self._board.stop()
+            if self._parameters is not None:
+                await self._parameters.stop()
             await server.stop(None)
 
 

@@ -6,7 +6,7 @@ Thin shell: it decodes, asks, and lets the effects be carried out before the ans
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
@@ -19,6 +19,7 @@ from simple_ros.rpc import services_pb2 as srv
 from simple_ros.rpc.methods import Method
 from simple_ros_master import queries, type_registry
 from simple_ros_master.leases import Mailbox
+from simple_ros_master.parameters import MasterParameters
 from simple_ros_master.peers import Effect
 from simple_ros_master.switchboard import Switchboard
 
@@ -30,7 +31,9 @@ Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 Handler: TypeAlias = "grpc.RpcMethodHandler[Any, Any]"
 
 
-def generic_handlers(board: Switchboard) -> list[grpc.GenericRpcHandler]:
+def generic_handlers(
+    board: Switchboard, parameters: MasterParameters
+) -> list[grpc.GenericRpcHandler]:
     """All calls of a Master, for ``grpc.aio.Server.add_generic_rpc_handlers``."""
     directory = board.directory
     ros_rpc = [
@@ -44,7 +47,9 @@ def generic_handlers(board: Switchboard) -> list[grpc.GenericRpcHandler]:
         _answer(methods.GET_TOPIC_INFO, partial(queries.get_topic_info, directory)),
     ]
     ours = [
-        _stream(methods.LEASE, grpc.stream_stream_rpc_method_handler, partial(_lease, board)),
+        _stream(
+            methods.LEASE, grpc.stream_stream_rpc_method_handler, partial(_lease, board, parameters)
+        ),
         _stream(methods.WATCH_GRAPH, grpc.unary_stream_rpc_method_handler, partial(_watch, board)),
         _answer(methods.EXPORT_GRAPH, partial(_export, board)),
         _answer(
@@ -57,6 +62,22 @@ def generic_handlers(board: Switchboard) -> list[grpc.GenericRpcHandler]:
         grpc.method_handlers_generic_handler(methods.ROS_RPC_SERVICE, dict(ros_rpc)),
         grpc.method_handlers_generic_handler(methods.MASTER_SERVICE, dict(ours)),
         grpc.method_handlers_generic_handler(methods.SERVICE_DIRECTORY, dict(_services(board))),
+        grpc.method_handlers_generic_handler(
+            methods.PARAMETER_SERVICE, dict(_parameters(parameters))
+        ),
+    ]
+
+
+def _parameters(parameters: MasterParameters) -> list[tuple[str, Handler]]:
+    desk = parameters.desk
+    return [
+        _answer(methods.GET_PARAMETERS, desk.get),
+        _answer(methods.LIST_PARAMETERS, desk.list_names),
+        _answer(methods.DESCRIBE_PARAMETERS, desk.describe),
+        _answer(methods.DECLARE_PARAMETERS, parameters.declare),
+        _awaited(methods.SET_PARAMETERS, desk.set),
+        _awaited(methods.DELETE_PARAMETERS, desk.delete),
+        _stream(methods.WATCH_PARAMETERS, grpc.unary_stream_rpc_method_handler, parameters.watch),
     ]
 
 
@@ -118,6 +139,17 @@ def _answer(
     return _stream(method, grpc.unary_unary_rpc_method_handler, handle)
 
 
+def _awaited(
+    method: Method[Request, Response], answer: Callable[[Request], Awaitable[Response]]
+) -> tuple[str, Handler]:
+    async def handle(request: Request | None, context: Context) -> Response:
+        if request is None:
+            await context.abort(grpc.StatusCode.INVALID_ARGUMENT, f"no {method.request.__name__}")
+        return await answer(request)
+
+    return _stream(method, grpc.unary_unary_rpc_method_handler, handle)
+
+
 def _change(
     board: Switchboard,
     method: Method[Request, Response],
@@ -132,18 +164,22 @@ def _change(
 
 
 async def _lease(
-    board: Switchboard, requests: AsyncIterator[master.LeaseRequest | None], context: Context
+    board: Switchboard,
+    parameters: MasterParameters,
+    requests: AsyncIterator[master.LeaseRequest | None],
+    context: Context,
 ) -> None:
     first = await anext(requests, None)
     if first is None or not first.HasField("open"):
         await context.abort(grpc.StatusCode.INVALID_ARGUMENT, "the first message opens a lease")
     box = board.desk.open()
-    hearing = asyncio.create_task(_hear(requests, box))
+    hearing = asyncio.create_task(_hear(requests, box, parameters))
     try:
         board.apply(board.directory.open_lease(box.number, first.open.node_info))
         while (event := await box.get()) is not None:
             await context.write(event)
     finally:
+        parameters.lease_ended(box.number)
         board.apply(board.directory.close_lease(box.number))
         board.desk.close(box)
         hearing.cancel()
@@ -152,11 +188,16 @@ async def _lease(
         await context.abort(grpc.StatusCode.INVALID_ARGUMENT, box.error)
 
 
-async def _hear(requests: AsyncIterator[master.LeaseRequest | None], box: Mailbox) -> None:
+async def _hear(
+    requests: AsyncIterator[master.LeaseRequest | None],
+    box: Mailbox,
+    parameters: MasterParameters,
+) -> None:
     try:
         async for request in requests:
             if request is None or request.HasField("release"):
                 return
+            parameters.heard(box.number, request)
     finally:
         box.end()
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, overload
 
+from simple_ros.blocking.clock import BlockingClock
+from simple_ros.blocking.node_actions import ActionMethods
 from simple_ros.blocking.node_services import ServiceMethods
+from simple_ros.blocking.parameters import ParameterMethods
 from simple_ros.blocking.publisher import Publisher
 from simple_ros.blocking.subscriber import Subscriber
 from simple_ros.blocking.timer import Timer
@@ -25,7 +28,7 @@ __all__ = ["BlockingNode"]
 MessageT = TypeVar("MessageT")
 
 
-class BlockingNode(ServiceMethods):
+class BlockingNode(ActionMethods, ServiceMethods, ParameterMethods):
     """A node on the background loop, whose callbacks run where an executor spins.
 
     What `simple_ros.system_manager.NodeHandle` is made of.
@@ -66,9 +69,23 @@ class BlockingNode(ServiceMethods):
         self._loop.run(self._node.wait_for_master(timeout))
 
     @property
+    def clock(self) -> BlockingClock:
+        """What its timers, rates and stamps go by: the computer's time, or simulated time."""
+        return BlockingClock.attach(self._loop, self._node)
+
+    @property
     def client(self) -> MasterClient:
         """The connection to the Master, whose calls are coroutines of the background loop."""
         return self._node.client
+
+    @property
+    def namespace(self) -> str:
+        """Canonical namespace, in which relative names are; empty for the outermost."""
+        return self._node.namespace
+
+    def resolve_name(self, name: str, kind: str = "topic") -> str:
+        """The full canonical name that a name means in this node; see `aio.NodeHandle.resolve_name`."""
+        return self._node.resolve_name(name, kind)
 
     def advertise(
         self,
@@ -144,7 +161,9 @@ class BlockingNode(ServiceMethods):
         deliver: Callable[[list[Any]], None] | None = None
         room: Callable[[], int] | None = None
         if callback is not None:
-            token = queue.add_subscriber(topic, callback, depth=profile_of(qos).depth, group=group)
+            token = queue.add_subscriber(
+                self.resolve_name(topic), callback, depth=profile_of(qos).depth, group=group
+            )
             deliver = _delivery(queue.deliver, token)
             if profile_of(qos).overflow == "block":
                 room = token.room
@@ -181,7 +200,8 @@ class BlockingNode(ServiceMethods):
         group: CallbackGroup = DEFAULT_GROUP,
     ) -> Timer:
         """A timer that calls ``callback`` every ``period`` seconds, first after one period."""
-        timer = Timer(self._executor, TimerSchedule(period, oneshot=oneshot), callback, group)
+        schedule = TimerSchedule(period, oneshot=oneshot)
+        timer = Timer(self._executor, schedule, callback, group, self.clock.clock)
         self._timers.add(timer)
         if start:
             timer.start()

@@ -1,4 +1,4 @@
-"""Names of nodes, topics and types for the shell's Tab key.
+"""Names of nodes, topics, services, parameters and types for the shell's Tab key.
 
 A key press must not hang, and must not print: without a Master, or with one that does not answer at
 once, there is nothing to offer. Names come from the network and the shell scripts that typer
@@ -17,7 +17,15 @@ import typer
 if TYPE_CHECKING:
     from simple_ros.net.master_client import MasterClient
 
-__all__ = ["complete_nodes", "complete_topics", "complete_types", "offered"]
+__all__ = [
+    "complete_actions",
+    "complete_nodes",
+    "complete_parameters",
+    "complete_services",
+    "complete_topics",
+    "complete_types",
+    "offered",
+]
 
 _DEADLINE_S = 0.5
 
@@ -34,6 +42,27 @@ def complete_topics(context: typer.Context, incomplete: str) -> list[str]:
     from simple_ros.names import topic_name
 
     return offered(_asked(context, _topic_names), incomplete, topic_name)
+
+
+def complete_parameters(context: typer.Context, incomplete: str) -> list[str]:
+    """Names of parameters that begin so."""
+    from simple_ros.names import parameter_name
+
+    return offered(_asked(context, _parameter_names), incomplete, parameter_name)
+
+
+def complete_services(context: typer.Context, incomplete: str) -> list[str]:
+    """Names of services that begin so."""
+    from simple_ros.names import topic_name
+
+    return offered(_asked(context, _service_names), incomplete, topic_name)
+
+
+def complete_actions(context: typer.Context, incomplete: str) -> list[str]:
+    """Names of actions that begin so."""
+    from simple_ros.names import topic_name
+
+    return offered(_asked(context, _action_names), incomplete, topic_name)
 
 
 def complete_types(incomplete: str) -> list[str]:
@@ -96,5 +125,28 @@ async def _node_names(client: MasterClient) -> list[str]:
     return [node.node_name for node in await client.get_nodes()]
 
 
+async def _parameter_names(client: MasterClient) -> list[str]:
+    from simple_ros.parameters.calls import ParameterCalls
+
+    return list(await ParameterCalls(client).list())
+
+
 async def _topic_names(client: MasterClient) -> list[str]:
     return [topic.topic_name for topic in await client.get_topics()]
+
+
+async def _action_names(client: MasterClient) -> list[str]:
+    services = await _service_names(client)
+    return [
+        name.removesuffix("/_action/send_goal")
+        for name in services
+        if name.endswith("/_action/send_goal")
+    ]
+
+
+async def _service_names(client: MasterClient) -> list[str]:
+    from simple_ros.rpc import methods
+    from simple_ros.rpc import services_pb2 as srv
+
+    answer = await client.call(methods.GET_SERVICES, srv.GetServicesRequest())
+    return [service.name for service in answer.services]

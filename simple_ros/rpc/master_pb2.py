@@ -23,62 +23,63 @@ _sym_db = _symbol_database.Default()
 
 
 from google.protobuf import descriptor_pb2 as google_dot_protobuf_dot_descriptor__pb2
+from simple_ros.rpc import parameters_pb2 as simple__ros_dot_rpc_dot_parameters__pb2
 from simple_ros.rpc import ros_rpc_pb2 as simple__ros_dot_rpc_dot_ros__rpc__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1bsimple_ros/rpc/master.proto\x12\nsimple_ros\x1a google/protobuf/descriptor.proto\x1a\x1csimple_ros/rpc/ros_rpc.proto\"4\n\tLeaseOpen\x12\'\n\tnode_info\x18\x01 \x01(\x0b\x32\x14.simple_ros.NodeInfo\"\x0e\n\x0cLeaseRelease\"j\n\x0cLeaseRequest\x12%\n\x04open\x18\x01 \x01(\x0b\x32\x15.simple_ros.LeaseOpenH\x00\x12+\n\x07release\x18\x02 \x01(\x0b\x32\x18.simple_ros.LeaseReleaseH\x00\x42\x06\n\x04kind\"9\n\x0cLeaseGranted\x12\x11\n\tmaster_id\x18\x01 \x01(\t\x12\x16\n\x0emaster_version\x18\x02 \x01(\t\"3\n\tNameTaken\x12&\n\x08taken_by\x18\x01 \x01(\x0b\x32\x14.simple_ros.NodeInfo\"w\n\x12TypeConflictNotice\x12\r\n\x05topic\x18\x01 \x01(\t\x12\x10\n\x08msg_type\x18\x02 \x01(\t\x12\x11\n\tnode_name\x18\x03 \x01(\t\x12\x15\n\rexisting_type\x18\x04 \x01(\t\x12\x16\n\x0e\x65xisting_nodes\x18\x05 \x03(\t\"\x9f\x01\n\x11QosConflictNotice\x12\r\n\x05topic\x18\x01 \x01(\t\x12\x11\n\tpublisher\x18\x02 \x01(\t\x12\x12\n\nsubscriber\x18\x03 \x01(\t\x12(\n\x07offered\x18\x04 \x01(\x0b\x32\x17.simple_ros.QosPolicies\x12*\n\trequested\x18\x05 \x01(\x0b\x32\x17.simple_ros.QosPolicies\"\xde\x01\n\nLeaseEvent\x12+\n\x07granted\x18\x01 \x01(\x0b\x32\x18.simple_ros.LeaseGrantedH\x00\x12+\n\nname_taken\x18\x02 \x01(\x0b\x32\x15.simple_ros.NameTakenH\x00\x12\x37\n\rtype_conflict\x18\x03 \x01(\x0b\x32\x1e.simple_ros.TypeConflictNoticeH\x00\x12\x35\n\x0cqos_conflict\x18\x04 \x01(\x0b\x32\x1d.simple_ros.QosConflictNoticeH\x00\x42\x06\n\x04kind\"\x89\x01\n\tGraphNode\x12\'\n\tnode_info\x18\x01 \x01(\x0b\x32\x14.simple_ros.NodeInfo\x12(\n\tpublishes\x18\x02 \x03(\x0b\x32\x15.simple_ros.TopicInfo\x12)\n\nsubscribes\x18\x03 \x03(\x0b\x32\x15.simple_ros.TopicInfo\"B\n\x0cGraphService\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x11\n\ttype_name\x18\x02 \x01(\t\x12\x11\n\tnode_name\x18\x03 \x01(\t\"a\n\rGraphSnapshot\x12$\n\x05nodes\x18\x01 \x03(\x0b\x32\x15.simple_ros.GraphNode\x12*\n\x08services\x18\x02 \x03(\x0b\x32\x18.simple_ros.GraphService\"\x87\x01\n\x0bGraphChange\x12)\n\x04kind\x18\x01 \x01(\x0e\x32\x1b.simple_ros.GraphChangeKind\x12\'\n\tnode_info\x18\x02 \x01(\x0b\x32\x14.simple_ros.NodeInfo\x12$\n\x05topic\x18\x03 \x01(\x0b\x32\x15.simple_ros.TopicInfo\"\x13\n\x11WatchGraphRequest\"\x80\x01\n\nGraphEvent\x12\x10\n\x08sequence\x18\x01 \x01(\x04\x12-\n\x08snapshot\x18\x02 \x01(\x0b\x32\x19.simple_ros.GraphSnapshotH\x00\x12)\n\x06\x63hange\x18\x03 \x01(\x0b\x32\x17.simple_ros.GraphChangeH\x00\x42\x06\n\x04kind\"=\n\x12\x45xportGraphRequest\x12\'\n\x06\x66ormat\x18\x01 \x01(\x0e\x32\x17.simple_ros.GraphFormat\"#\n\x13\x45xportGraphResponse\x12\x0c\n\x04text\x18\x01 \x01(\t\"Z\n\x12\x44\x65\x63lareTypeRequest\x12\x11\n\ttype_name\x18\x01 \x01(\t\x12\x31\n\x05\x66iles\x18\x02 \x01(\x0b\x32\".google.protobuf.FileDescriptorSet\"T\n\x13\x44\x65\x63lareTypeResponse\x12\x0f\n\x07success\x18\x01 \x01(\x08\x12\x18\n\x10\x63onflicting_type\x18\x02 \x01(\t\x12\x12\n\ndifference\x18\x03 \x01(\t\"#\n\x0eGetTypeRequest\x12\x11\n\ttype_name\x18\x01 \x01(\t\"S\n\x0fGetTypeResponse\x12\r\n\x05known\x18\x01 \x01(\x08\x12\x31\n\x05\x66iles\x18\x02 \x01(\x0b\x32\".google.protobuf.FileDescriptorSet\"A\n\x08Shutdown\x12\x13\n\x0binstance_id\x18\x01 \x01(\t\x12\x0e\n\x06reason\x18\x02 \x01(\t\x12\x10\n\x08\x61sked_by\x18\x03 \x01(\t*\xd3\x01\n\x0fGraphChangeKind\x12\x1c\n\x18GRAPH_CHANGE_UNSPECIFIED\x10\x00\x12\x0e\n\nNODE_ADDED\x10\x01\x12\x10\n\x0cNODE_REMOVED\x10\x02\x12\x13\n\x0fPUBLISHER_ADDED\x10\x03\x12\x15\n\x11PUBLISHER_REMOVED\x10\x04\x12\x14\n\x10SUBSCRIBER_ADDED\x10\x05\x12\x16\n\x12SUBSCRIBER_REMOVED\x10\x06\x12\x11\n\rSERVICE_ADDED\x10\x07\x12\x13\n\x0fSERVICE_REMOVED\x10\x08*U\n\x0bGraphFormat\x12\x19\n\x15GRAPH_FORMAT_READABLE\x10\x00\x12\x14\n\x10GRAPH_FORMAT_DOT\x10\x01\x12\x15\n\x11GRAPH_FORMAT_JSON\x10\x02\x32\xf9\x02\n\rMasterService\x12=\n\x05Lease\x12\x18.simple_ros.LeaseRequest\x1a\x16.simple_ros.LeaseEvent(\x01\x30\x01\x12\x45\n\nWatchGraph\x12\x1d.simple_ros.WatchGraphRequest\x1a\x16.simple_ros.GraphEvent0\x01\x12N\n\x0b\x45xportGraph\x12\x1e.simple_ros.ExportGraphRequest\x1a\x1f.simple_ros.ExportGraphResponse\x12N\n\x0b\x44\x65\x63lareType\x12\x1e.simple_ros.DeclareTypeRequest\x1a\x1f.simple_ros.DeclareTypeResponse\x12\x42\n\x07GetType\x12\x1a.simple_ros.GetTypeRequest\x1a\x1b.simple_ros.GetTypeResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1bsimple_ros/rpc/master.proto\x12\nsimple_ros\x1a google/protobuf/descriptor.proto\x1a\x1fsimple_ros/rpc/parameters.proto\x1a\x1csimple_ros/rpc/ros_rpc.proto\"4\n\tLeaseOpen\x12\'\n\tnode_info\x18\x01 \x01(\x0b\x32\x14.simple_ros.NodeInfo\"\x0e\n\x0cLeaseRelease\"\xa3\x01\n\x0cLeaseRequest\x12%\n\x04open\x18\x01 \x01(\x0b\x32\x15.simple_ros.LeaseOpenH\x00\x12+\n\x07release\x18\x02 \x01(\x0b\x32\x18.simple_ros.LeaseReleaseH\x00\x12\x37\n\x10parameter_answer\x18\x0b \x01(\x0b\x32\x1b.simple_ros.ParameterAnswerH\x00\x42\x06\n\x04kind\"9\n\x0cLeaseGranted\x12\x11\n\tmaster_id\x18\x01 \x01(\t\x12\x16\n\x0emaster_version\x18\x02 \x01(\t\"3\n\tNameTaken\x12&\n\x08taken_by\x18\x01 \x01(\x0b\x32\x14.simple_ros.NodeInfo\"w\n\x12TypeConflictNotice\x12\r\n\x05topic\x18\x01 \x01(\t\x12\x10\n\x08msg_type\x18\x02 \x01(\t\x12\x11\n\tnode_name\x18\x03 \x01(\t\x12\x15\n\rexisting_type\x18\x04 \x01(\t\x12\x16\n\x0e\x65xisting_nodes\x18\x05 \x03(\t\"\x9f\x01\n\x11QosConflictNotice\x12\r\n\x05topic\x18\x01 \x01(\t\x12\x11\n\tpublisher\x18\x02 \x01(\t\x12\x12\n\nsubscriber\x18\x03 \x01(\t\x12(\n\x07offered\x18\x04 \x01(\x0b\x32\x17.simple_ros.QosPolicies\x12*\n\trequested\x18\x05 \x01(\x0b\x32\x17.simple_ros.QosPolicies\"\xca\x02\n\nLeaseEvent\x12+\n\x07granted\x18\x01 \x01(\x0b\x32\x18.simple_ros.LeaseGrantedH\x00\x12+\n\nname_taken\x18\x02 \x01(\x0b\x32\x15.simple_ros.NameTakenH\x00\x12\x37\n\rtype_conflict\x18\x03 \x01(\x0b\x32\x1e.simple_ros.TypeConflictNoticeH\x00\x12\x35\n\x0cqos_conflict\x18\x04 \x01(\x0b\x32\x1d.simple_ros.QosConflictNoticeH\x00\x12\x35\n\x0fparameter_offer\x18\x0b \x01(\x0b\x32\x1a.simple_ros.ParameterOfferH\x00\x12\x33\n\x0eparameters_set\x18\x0c \x01(\x0b\x32\x19.simple_ros.ParametersSetH\x00\x42\x06\n\x04kind\"\x89\x01\n\tGraphNode\x12\'\n\tnode_info\x18\x01 \x01(\x0b\x32\x14.simple_ros.NodeInfo\x12(\n\tpublishes\x18\x02 \x03(\x0b\x32\x15.simple_ros.TopicInfo\x12)\n\nsubscribes\x18\x03 \x03(\x0b\x32\x15.simple_ros.TopicInfo\"B\n\x0cGraphService\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x11\n\ttype_name\x18\x02 \x01(\t\x12\x11\n\tnode_name\x18\x03 \x01(\t\"a\n\rGraphSnapshot\x12$\n\x05nodes\x18\x01 \x03(\x0b\x32\x15.simple_ros.GraphNode\x12*\n\x08services\x18\x02 \x03(\x0b\x32\x18.simple_ros.GraphService\"\x87\x01\n\x0bGraphChange\x12)\n\x04kind\x18\x01 \x01(\x0e\x32\x1b.simple_ros.GraphChangeKind\x12\'\n\tnode_info\x18\x02 \x01(\x0b\x32\x14.simple_ros.NodeInfo\x12$\n\x05topic\x18\x03 \x01(\x0b\x32\x15.simple_ros.TopicInfo\"\x13\n\x11WatchGraphRequest\"\x80\x01\n\nGraphEvent\x12\x10\n\x08sequence\x18\x01 \x01(\x04\x12-\n\x08snapshot\x18\x02 \x01(\x0b\x32\x19.simple_ros.GraphSnapshotH\x00\x12)\n\x06\x63hange\x18\x03 \x01(\x0b\x32\x17.simple_ros.GraphChangeH\x00\x42\x06\n\x04kind\"=\n\x12\x45xportGraphRequest\x12\'\n\x06\x66ormat\x18\x01 \x01(\x0e\x32\x17.simple_ros.GraphFormat\"#\n\x13\x45xportGraphResponse\x12\x0c\n\x04text\x18\x01 \x01(\t\"Z\n\x12\x44\x65\x63lareTypeRequest\x12\x11\n\ttype_name\x18\x01 \x01(\t\x12\x31\n\x05\x66iles\x18\x02 \x01(\x0b\x32\".google.protobuf.FileDescriptorSet\"T\n\x13\x44\x65\x63lareTypeResponse\x12\x0f\n\x07success\x18\x01 \x01(\x08\x12\x18\n\x10\x63onflicting_type\x18\x02 \x01(\t\x12\x12\n\ndifference\x18\x03 \x01(\t\"#\n\x0eGetTypeRequest\x12\x11\n\ttype_name\x18\x01 \x01(\t\"S\n\x0fGetTypeResponse\x12\r\n\x05known\x18\x01 \x01(\x08\x12\x31\n\x05\x66iles\x18\x02 \x01(\x0b\x32\".google.protobuf.FileDescriptorSet\"A\n\x08Shutdown\x12\x13\n\x0binstance_id\x18\x01 \x01(\t\x12\x0e\n\x06reason\x18\x02 \x01(\t\x12\x10\n\x08\x61sked_by\x18\x03 \x01(\t*\xd3\x01\n\x0fGraphChangeKind\x12\x1c\n\x18GRAPH_CHANGE_UNSPECIFIED\x10\x00\x12\x0e\n\nNODE_ADDED\x10\x01\x12\x10\n\x0cNODE_REMOVED\x10\x02\x12\x13\n\x0fPUBLISHER_ADDED\x10\x03\x12\x15\n\x11PUBLISHER_REMOVED\x10\x04\x12\x14\n\x10SUBSCRIBER_ADDED\x10\x05\x12\x16\n\x12SUBSCRIBER_REMOVED\x10\x06\x12\x11\n\rSERVICE_ADDED\x10\x07\x12\x13\n\x0fSERVICE_REMOVED\x10\x08*U\n\x0bGraphFormat\x12\x19\n\x15GRAPH_FORMAT_READABLE\x10\x00\x12\x14\n\x10GRAPH_FORMAT_DOT\x10\x01\x12\x15\n\x11GRAPH_FORMAT_JSON\x10\x02\x32\xf9\x02\n\rMasterService\x12=\n\x05Lease\x12\x18.simple_ros.LeaseRequest\x1a\x16.simple_ros.LeaseEvent(\x01\x30\x01\x12\x45\n\nWatchGraph\x12\x1d.simple_ros.WatchGraphRequest\x1a\x16.simple_ros.GraphEvent0\x01\x12N\n\x0b\x45xportGraph\x12\x1e.simple_ros.ExportGraphRequest\x1a\x1f.simple_ros.ExportGraphResponse\x12N\n\x0b\x44\x65\x63lareType\x12\x1e.simple_ros.DeclareTypeRequest\x1a\x1f.simple_ros.DeclareTypeResponse\x12\x42\n\x07GetType\x12\x1a.simple_ros.GetTypeRequest\x1a\x1b.simple_ros.GetTypeResponseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'simple_ros.rpc.master_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_GRAPHCHANGEKIND']._serialized_start=1970
-  _globals['_GRAPHCHANGEKIND']._serialized_end=2181
-  _globals['_GRAPHFORMAT']._serialized_start=2183
-  _globals['_GRAPHFORMAT']._serialized_end=2268
-  _globals['_LEASEOPEN']._serialized_start=107
-  _globals['_LEASEOPEN']._serialized_end=159
-  _globals['_LEASERELEASE']._serialized_start=161
-  _globals['_LEASERELEASE']._serialized_end=175
-  _globals['_LEASEREQUEST']._serialized_start=177
-  _globals['_LEASEREQUEST']._serialized_end=283
-  _globals['_LEASEGRANTED']._serialized_start=285
-  _globals['_LEASEGRANTED']._serialized_end=342
-  _globals['_NAMETAKEN']._serialized_start=344
-  _globals['_NAMETAKEN']._serialized_end=395
-  _globals['_TYPECONFLICTNOTICE']._serialized_start=397
-  _globals['_TYPECONFLICTNOTICE']._serialized_end=516
-  _globals['_QOSCONFLICTNOTICE']._serialized_start=519
-  _globals['_QOSCONFLICTNOTICE']._serialized_end=678
-  _globals['_LEASEEVENT']._serialized_start=681
-  _globals['_LEASEEVENT']._serialized_end=903
-  _globals['_GRAPHNODE']._serialized_start=906
-  _globals['_GRAPHNODE']._serialized_end=1043
-  _globals['_GRAPHSERVICE']._serialized_start=1045
-  _globals['_GRAPHSERVICE']._serialized_end=1111
-  _globals['_GRAPHSNAPSHOT']._serialized_start=1113
-  _globals['_GRAPHSNAPSHOT']._serialized_end=1210
-  _globals['_GRAPHCHANGE']._serialized_start=1213
-  _globals['_GRAPHCHANGE']._serialized_end=1348
-  _globals['_WATCHGRAPHREQUEST']._serialized_start=1350
-  _globals['_WATCHGRAPHREQUEST']._serialized_end=1369
-  _globals['_GRAPHEVENT']._serialized_start=1372
-  _globals['_GRAPHEVENT']._serialized_end=1500
-  _globals['_EXPORTGRAPHREQUEST']._serialized_start=1502
-  _globals['_EXPORTGRAPHREQUEST']._serialized_end=1563
-  _globals['_EXPORTGRAPHRESPONSE']._serialized_start=1565
-  _globals['_EXPORTGRAPHRESPONSE']._serialized_end=1600
-  _globals['_DECLARETYPEREQUEST']._serialized_start=1602
-  _globals['_DECLARETYPEREQUEST']._serialized_end=1692
-  _globals['_DECLARETYPERESPONSE']._serialized_start=1694
-  _globals['_DECLARETYPERESPONSE']._serialized_end=1778
-  _globals['_GETTYPEREQUEST']._serialized_start=1780
-  _globals['_GETTYPEREQUEST']._serialized_end=1815
-  _globals['_GETTYPERESPONSE']._serialized_start=1817
-  _globals['_GETTYPERESPONSE']._serialized_end=1900
-  _globals['_SHUTDOWN']._serialized_start=1902
-  _globals['_SHUTDOWN']._serialized_end=1967
-  _globals['_MASTERSERVICE']._serialized_start=2271
-  _globals['_MASTERSERVICE']._serialized_end=2648
+  _globals['_GRAPHCHANGEKIND']._serialized_start=2169
+  _globals['_GRAPHCHANGEKIND']._serialized_end=2380
+  _globals['_GRAPHFORMAT']._serialized_start=2382
+  _globals['_GRAPHFORMAT']._serialized_end=2467
+  _globals['_LEASEOPEN']._serialized_start=140
+  _globals['_LEASEOPEN']._serialized_end=192
+  _globals['_LEASERELEASE']._serialized_start=194
+  _globals['_LEASERELEASE']._serialized_end=208
+  _globals['_LEASEREQUEST']._serialized_start=211
+  _globals['_LEASEREQUEST']._serialized_end=374
+  _globals['_LEASEGRANTED']._serialized_start=376
+  _globals['_LEASEGRANTED']._serialized_end=433
+  _globals['_NAMETAKEN']._serialized_start=435
+  _globals['_NAMETAKEN']._serialized_end=486
+  _globals['_TYPECONFLICTNOTICE']._serialized_start=488
+  _globals['_TYPECONFLICTNOTICE']._serialized_end=607
+  _globals['_QOSCONFLICTNOTICE']._serialized_start=610
+  _globals['_QOSCONFLICTNOTICE']._serialized_end=769
+  _globals['_LEASEEVENT']._serialized_start=772
+  _globals['_LEASEEVENT']._serialized_end=1102
+  _globals['_GRAPHNODE']._serialized_start=1105
+  _globals['_GRAPHNODE']._serialized_end=1242
+  _globals['_GRAPHSERVICE']._serialized_start=1244
+  _globals['_GRAPHSERVICE']._serialized_end=1310
+  _globals['_GRAPHSNAPSHOT']._serialized_start=1312
+  _globals['_GRAPHSNAPSHOT']._serialized_end=1409
+  _globals['_GRAPHCHANGE']._serialized_start=1412
+  _globals['_GRAPHCHANGE']._serialized_end=1547
+  _globals['_WATCHGRAPHREQUEST']._serialized_start=1549
+  _globals['_WATCHGRAPHREQUEST']._serialized_end=1568
+  _globals['_GRAPHEVENT']._serialized_start=1571
+  _globals['_GRAPHEVENT']._serialized_end=1699
+  _globals['_EXPORTGRAPHREQUEST']._serialized_start=1701
+  _globals['_EXPORTGRAPHREQUEST']._serialized_end=1762
+  _globals['_EXPORTGRAPHRESPONSE']._serialized_start=1764
+  _globals['_EXPORTGRAPHRESPONSE']._serialized_end=1799
+  _globals['_DECLARETYPEREQUEST']._serialized_start=1801
+  _globals['_DECLARETYPEREQUEST']._serialized_end=1891
+  _globals['_DECLARETYPERESPONSE']._serialized_start=1893
+  _globals['_DECLARETYPERESPONSE']._serialized_end=1977
+  _globals['_GETTYPEREQUEST']._serialized_start=1979
+  _globals['_GETTYPEREQUEST']._serialized_end=2014
+  _globals['_GETTYPERESPONSE']._serialized_start=2016
+  _globals['_GETTYPERESPONSE']._serialized_end=2099
+  _globals['_SHUTDOWN']._serialized_start=2101
+  _globals['_SHUTDOWN']._serialized_end=2166
+  _globals['_MASTERSERVICE']._serialized_start=2470
+  _globals['_MASTERSERVICE']._serialized_end=2847
 # @@protoc_insertion_point(module_scope)

@@ -11,6 +11,7 @@ from google.protobuf import descriptor_pb2 as _descriptor_pb2
 from google.protobuf import message as _message
 from google.protobuf.internal import containers as _containers
 from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from simple_ros.rpc import parameters_pb2 as _parameters_pb2
 from simple_ros.rpc import ros_rpc_pb2 as _ros_rpc_pb2
 import builtins as _builtins
 import sys
@@ -114,21 +115,25 @@ class LeaseRequest(_message.Message):
 
     OPEN_FIELD_NUMBER: _builtins.int
     RELEASE_FIELD_NUMBER: _builtins.int
+    PARAMETER_ANSWER_FIELD_NUMBER: _builtins.int
     @_builtins.property
     def open(self) -> Global___LeaseOpen: ...
     @_builtins.property
     def release(self) -> Global___LeaseRelease: ...
+    @_builtins.property
+    def parameter_answer(self) -> _parameters_pb2.ParameterAnswer: ...
     def __init__(
         self,
         *,
         open: Global___LeaseOpen | None = ...,
         release: Global___LeaseRelease | None = ...,
+        parameter_answer: _parameters_pb2.ParameterAnswer | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["kind", b"kind", "open", b"open", "release", b"release"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["kind", b"kind", "open", b"open", "parameter_answer", b"parameter_answer", "release", b"release"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["kind", b"kind", "open", b"open", "release", b"release"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["kind", b"kind", "open", b"open", "parameter_answer", b"parameter_answer", "release", b"release"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_kind: _TypeAlias = _typing.Literal["open", "release"]  # noqa: Y015
+    _WhichOneofReturnType_kind: _TypeAlias = _typing.Literal["open", "release", "parameter_answer"]  # noqa: Y015
     _WhichOneofArgType_kind: _TypeAlias = _typing.Literal["kind", b"kind"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_kind) -> _WhichOneofReturnType_kind | None: ...
 
@@ -256,6 +261,8 @@ class LeaseEvent(_message.Message):
     NAME_TAKEN_FIELD_NUMBER: _builtins.int
     TYPE_CONFLICT_FIELD_NUMBER: _builtins.int
     QOS_CONFLICT_FIELD_NUMBER: _builtins.int
+    PARAMETER_OFFER_FIELD_NUMBER: _builtins.int
+    PARAMETERS_SET_FIELD_NUMBER: _builtins.int
     @_builtins.property
     def granted(self) -> Global___LeaseGranted: ...
     @_builtins.property
@@ -264,6 +271,10 @@ class LeaseEvent(_message.Message):
     def type_conflict(self) -> Global___TypeConflictNotice: ...
     @_builtins.property
     def qos_conflict(self) -> Global___QosConflictNotice: ...
+    @_builtins.property
+    def parameter_offer(self) -> _parameters_pb2.ParameterOffer: ...
+    @_builtins.property
+    def parameters_set(self) -> _parameters_pb2.ParametersSet: ...
     def __init__(
         self,
         *,
@@ -271,12 +282,14 @@ class LeaseEvent(_message.Message):
         name_taken: Global___NameTaken | None = ...,
         type_conflict: Global___TypeConflictNotice | None = ...,
         qos_conflict: Global___QosConflictNotice | None = ...,
+        parameter_offer: _parameters_pb2.ParameterOffer | None = ...,
+        parameters_set: _parameters_pb2.ParametersSet | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["granted", b"granted", "kind", b"kind", "name_taken", b"name_taken", "qos_conflict", b"qos_conflict", "type_conflict", b"type_conflict"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["granted", b"granted", "kind", b"kind", "name_taken", b"name_taken", "parameter_offer", b"parameter_offer", "parameters_set", b"parameters_set", "qos_conflict", b"qos_conflict", "type_conflict", b"type_conflict"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["granted", b"granted", "kind", b"kind", "name_taken", b"name_taken", "qos_conflict", b"qos_conflict", "type_conflict", b"type_conflict"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["granted", b"granted", "kind", b"kind", "name_taken", b"name_taken", "parameter_offer", b"parameter_offer", "parameters_set", b"parameters_set", "qos_conflict", b"qos_conflict", "type_conflict", b"type_conflict"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_kind: _TypeAlias = _typing.Literal["granted", "name_taken", "type_conflict", "qos_conflict"]  # noqa: Y015
+    _WhichOneofReturnType_kind: _TypeAlias = _typing.Literal["granted", "name_taken", "type_conflict", "qos_conflict", "parameter_offer", "parameters_set"]  # noqa: Y015
     _WhichOneofArgType_kind: _TypeAlias = _typing.Literal["kind", b"kind"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_kind) -> _WhichOneofReturnType_kind | None: ...
 

@@ -12,30 +12,39 @@ from typing import Generic, TypeVar
 from google.protobuf.message import Message
 
 from simple_ros.rpc import master_pb2 as master
+from simple_ros.rpc import parameters_pb2 as par
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros.rpc import services_pb2 as srv
 
 __all__ = [
+    "DECLARE_PARAMETERS",
     "DECLARE_TYPE",
+    "DELETE_PARAMETERS",
+    "DESCRIBE_PARAMETERS",
     "EXPORT_GRAPH",
     "FIND_SERVICE",
     "GET_NODES",
     "GET_NODE_INFO",
+    "GET_PARAMETERS",
     "GET_SERVICES",
     "GET_TOPICS",
     "GET_TOPIC_INFO",
     "GET_TYPE",
     "LEASE",
+    "LIST_PARAMETERS",
     "MASTER_SERVICE",
+    "PARAMETER_SERVICE",
     "REGISTER_PUBLISHER",
     "REGISTER_SERVICE",
     "ROS_RPC_SERVICE",
     "SERVICE_DIRECTORY",
+    "SET_PARAMETERS",
     "SUBSCRIBE",
     "UNREGISTER_PUBLISHER",
     "UNREGISTER_SERVICE",
     "UNSUBSCRIBE",
     "WATCH_GRAPH",
+    "WATCH_PARAMETERS",
     "Method",
 ]
 
@@ -45,6 +54,9 @@ MASTER_SERVICE = "simple_ros.MasterService"
 """Lease, watch and export: ours only."""
 SERVICE_DIRECTORY = "simple_ros.ServiceDirectory"
 """Which services there are: ours only."""
+
+PARAMETER_SERVICE = "simple_ros.ParameterService"
+"""The tree of parameters: ours only."""
 
 Request = TypeVar("Request", bound=Message)
 Response = TypeVar("Response", bound=Message)
@@ -116,3 +128,31 @@ FIND_SERVICE = Method(
     SERVICE_DIRECTORY, "FindService", srv.FindServiceRequest, srv.FindServiceResponse
 )
 GET_TYPE = Method(MASTER_SERVICE, "GetType", master.GetTypeRequest, master.GetTypeResponse)
+GET_PARAMETERS = Method(
+    PARAMETER_SERVICE, "GetParameters", par.GetParametersRequest, par.GetParametersResponse
+)
+LIST_PARAMETERS = Method(
+    PARAMETER_SERVICE, "ListParameters", par.ListParametersRequest, par.ListParametersResponse
+)
+DESCRIBE_PARAMETERS = Method(
+    PARAMETER_SERVICE,
+    "DescribeParameters",
+    par.DescribeParametersRequest,
+    par.DescribeParametersResponse,
+)
+SET_PARAMETERS = Method(
+    PARAMETER_SERVICE, "SetParameters", par.SetParametersRequest, par.SetParametersResponse
+)
+DELETE_PARAMETERS = Method(
+    PARAMETER_SERVICE, "DeleteParameters", par.DeleteParametersRequest, par.DeleteParametersResponse
+)
+DECLARE_PARAMETERS = Method(
+    PARAMETER_SERVICE,
+    "DeclareParameters",
+    par.DeclareParametersRequest,
+    par.DeclareParametersResponse,
+)
+WATCH_PARAMETERS = Method(
+    PARAMETER_SERVICE, "WatchParameters", par.WatchParametersRequest, par.ParameterEvent
+)
+"""Stream of answers."""

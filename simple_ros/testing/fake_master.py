@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import inspect
+from collections.abc import AsyncGenerator, Callable, Iterator
+from contextlib import aclosing, contextmanager
 from typing import Any
 
 from google.protobuf.message import Message
@@ -14,11 +15,13 @@ from simple_ros.msg.definitions import TypeStore
 from simple_ros.names import canonical
 from simple_ros.net.master_client import ForeignMaster, LeaseStream, MasterClient
 from simple_ros.node import local_node
+from simple_ros.parameters.tree import ParameterTree
 from simple_ros.rpc import master_pb2 as master
 from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros.rpc import services_pb2 as srv
 from simple_ros.rpc.methods import Method
+from simple_ros.testing.fake_parameters import FakeParameters
 
 __all__ = ["FakeMaster"]
 
@@ -26,8 +29,9 @@ __all__ = ["FakeMaster"]
 class FakeMaster:
     """Joins publishers and subscribers of one event loop: ``NodeHandle("a", master=fake)``.
 
-    It matches topics and tells publishers who subscribes, lists services, keeps leases, and answers the queries of
-    `MasterClient`. It refuses nothing: conflicts of types, names and QoS are the real Master's business.
+    It matches topics and tells publishers who subscribes, lists services, keeps leases and parameters, and answers
+    the queries of `MasterClient`. Conflicts of types, names and QoS are the real Master's business: it
+    refuses nothing of the kind.
 
     Attributes:
         address: What its clients call it.
@@ -46,6 +50,8 @@ class FakeMaster:
         self._types = TypeStore()
         self._services: dict[str, srv.ServiceInfo] = {}
         self._news = asyncio.Event()
+        self._lives = 0
+        self._parameters = self._new_parameters()
         self._back = asyncio.Event()
         self._back.set()
 
@@ -66,6 +72,18 @@ class FakeMaster:
         """A connection to it."""
         return _FakeClient(self)
 
+    @property
+    def parameters(self) -> ParameterTree:
+        """What nodes and tools have declared and set, to read."""
+        return self._parameters.desk.tree
+
+    def _new_parameters(self) -> FakeParameters:
+        self._lives += 1
+        return FakeParameters(self.address, lambda lease, event: lease.hear(event), self._lease_of)
+
+    def _lease_of(self, info: ros.NodeInfo) -> _FakeLease | None:
+        return self._leases.get(info.instance_id)
+
     # -- faults --------------------------------------------------------------------------------
 
     def stop(self) -> None:
@@ -78,6 +96,8 @@ class FakeMaster:
         for lease in list(self._leases.values()):
             lease.lose()
         self._leases.clear()
+        self._parameters.end()
+        self._parameters = self._new_parameters()
 
     def restart(self) -> None:
         """Come back, knowing nothing."""
@@ -103,10 +123,20 @@ class FakeMaster:
         self.calls.append(method.name)
         if method.name == methods.FIND_SERVICE.name:
             return await self._find_service(request)
-        handler = self._handlers().get(method.name)
+        handler = (self._handlers() | self._parameters.handlers()).get(method.name)
         if handler is None:
             raise ForeignMaster(self.address)
-        return handler(request)
+        answer = handler(request)
+        return await answer if inspect.isawaitable(answer) else answer
+
+    def watch(self, method: Method[Any, Any], request: Any) -> AsyncGenerator[Any, None]:
+        """One call with a stream of answers."""
+        if not self._is_up:
+            raise MasterUnavailable(self.address)
+        if method is not methods.WATCH_PARAMETERS:
+            raise ForeignMaster(self.address)
+        self.calls.append(method.name)
+        return self._parameters.watch(request)
 
     def _handlers(self) -> dict[str, Callable[[Any], Any]]:
         return {
@@ -222,11 +252,17 @@ class FakeMaster:
         """A lease is asked for; waits until the Master is up."""
         await self._back.wait()
         self._leases[lease.info.instance_id] = lease
+        lease.master_id = f"fake {self._lives}"
+
+    def answered(self, lease: _FakeLease, request: master.LeaseRequest) -> None:
+        """A node that was asked says something."""
+        self._parameters.desk.answered(lease, request.parameter_answer)
 
     def left(self, lease: _FakeLease) -> None:
         """A node said goodbye, or dropped its lease."""
         if self._leases.pop(lease.info.instance_id, None) is not lease:
             return
+        self._parameters.desk.lease_ended(lease)
         for users in self._publishers.values():
             users.pop(lease.info.instance_id, None)
         instance_id = lease.info.instance_id
@@ -244,28 +280,35 @@ class FakeMaster:
 class _FakeLease(LeaseStream):
     def __init__(self, fake: FakeMaster) -> None:
         self.info = ros.NodeInfo()
+        self.master_id = ""
         self._fake = fake
-        self._ended = asyncio.Event()
+        self._events: asyncio.Queue[master.LeaseEvent | None] = asyncio.Queue()
 
     async def open(self, node_info: ros.NodeInfo) -> master.LeaseGranted:
         self.info = node_info
         await self._fake.granted(self)
-        return master.LeaseGranted(master_id="fake")
+        return master.LeaseGranted(master_id=self.master_id)
 
     async def next_event(self) -> master.LeaseEvent | None:
-        await self._ended.wait()
-        return None
+        return await self._events.get()
+
+    async def say(self, request: master.LeaseRequest) -> None:
+        if request.HasField("parameter_answer"):
+            self._fake.answered(self, request)
+
+    def hear(self, event: master.LeaseEvent) -> None:
+        self._events.put_nowait(event)
 
     def lose(self) -> None:
-        self._ended.set()
+        self._events.put_nowait(None)
 
     async def leave(self) -> None:
         self._fake.left(self)
-        self._ended.set()
+        self.lose()
 
     def cancel(self) -> None:
         self._fake.left(self)
-        self._ended.set()
+        self.lose()
 
 
 class _FakeClient(MasterClient):
@@ -285,6 +328,11 @@ class _FakeClient(MasterClient):
         timeout: float | None = None,  # noqa: ARG002
     ) -> Any:
         return await self._fake.answer(method, request)
+
+    async def stream(self, method: Method[Any, Any], request: Message) -> AsyncGenerator[Any, None]:
+        async with aclosing(self._fake.watch(method, request)) as events:
+            async for event in events:
+                yield event
 
     def lease(self) -> LeaseStream:
         return _FakeLease(self._fake)
