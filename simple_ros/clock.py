@@ -28,7 +28,7 @@ __all__ = ["CLOCK_QOS", "CLOCK_TOPIC", "USE_SIM_TIME", "Clock", "ClockListener",
 
 logger = logging.getLogger(__name__)
 
-CLOCK_TOPIC = "clock"
+CLOCK_TOPIC = "/clock"
 CLOCK_QOS = QosProfile(depth=1, reliability=Reliability.BEST_EFFORT)
 USE_SIM_TIME = "SIMPLE_ROS_USE_SIM_TIME"
 

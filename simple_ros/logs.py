@@ -34,7 +34,7 @@ __all__ = [
     "set_level",
 ]
 
-ROSOUT_TOPIC = "rosout"
+ROSOUT_TOPIC = "/rosout"
 ROSOUT_QOS = QosProfile(depth=1000)
 
 

@@ -26,7 +26,7 @@ from simple_ros.errors import (
     UnknownMessageType,
 )
 from simple_ros.msg.rosgraph_msgs import Clock
-from simple_ros.names import topic_name
+from simple_ros.names import canonical, topic_name
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher
 
@@ -34,7 +34,7 @@ __all__ = ["PlayOptions", "Player"]
 
 logger = logging.getLogger(__name__)
 
-CLOCK_TOPIC = "clock"
+CLOCK_TOPIC = "/clock"
 _LEAST_DEPTH = 1000
 _BURST = 256
 
@@ -201,7 +201,7 @@ class Player:
         made: dict[tuple[str, str], Publisher[object] | None] = {}
         for topic in channels:
             key = self._options.new_name(topic.name), topic.msg_type
-            if self._options.clock_hz is not None and key[0] == CLOCK_TOPIC:
+            if self._options.clock_hz is not None and key[0] == canonical(CLOCK_TOPIC):
                 self.skipped[topic.name] = "the player publishes the clock itself"
                 continue
             if key not in made:
@@ -219,7 +219,7 @@ class Player:
         qos = profile_in(topic.metadata)
         try:
             return await self._node.advertise(
-                name, topic.message_class, qos=qos.replace(depth=max(qos.depth, _LEAST_DEPTH))
+                f"/{canonical(name)}", topic.message_class, qos=qos.replace(depth=max(qos.depth, _LEAST_DEPTH))
             )
         except (
             UnknownMessageType,

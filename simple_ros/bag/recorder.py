@@ -223,7 +223,7 @@ class Recorder:
 
         try:
             self._subscribers[key] = await self._node.subscribe_batches(
-                key.topic, key.msg_type, came, qos=_UNDEMANDING, on_event=event, raw=True
+                f"/{key.topic}", key.msg_type, came, qos=_UNDEMANDING, on_event=event, raw=True
             )
         except (TopicTypeMismatch, RegistrationRefused) as error:
             if key not in self._refused:

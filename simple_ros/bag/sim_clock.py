@@ -19,7 +19,7 @@ class SimClock:
 
     async def attach(self, node: NodeHandle) -> None:
         """Listen; returns when a time was told."""
-        await node.subscribe("clock", Clock, self._take)
+        await node.subscribe("/clock", Clock, self._take)
         await self._told.wait()
 
     def _take(self, message: Clock) -> None:

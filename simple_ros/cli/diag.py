@@ -91,7 +91,7 @@ async def _gather(node: NodeHandle, gathered: Aggregator) -> None:
     from simple_ros.qos import QosProfile, Reliability
 
     await node.subscribe(
-        "diagnostics",
+        "/diagnostics",
         DiagnosticArray,
         lambda array: gathered.receive(array, time.monotonic()),
         qos=QosProfile(depth=1000, reliability=Reliability.BEST_EFFORT),

@@ -160,7 +160,7 @@ async def _print(
 
     qos = QosProfile(depth=10_000, reliability=Reliability.BEST_EFFORT)
     left = count
-    async for line in await node.subscribe("rosout", Log, qos=qos):
+    async for line in await node.subscribe("/rosout", Log, qos=qos):
         if wanted(line):
             say(write(line))
             if left is not None and (left := left - 1) == 0:

@@ -90,7 +90,11 @@ class Processes:
             name: What to call it.
             command: Program and arguments.
         """
-        child = await ChildProcess.start(Command(tuple(command)), errors_apart=True)
+        # Words that name or remap this program are none of its children.
+        environment = {"SIMPLE_ROS_ARGS": None}
+        child = await ChildProcess.start(
+            Command(tuple(command), environment=environment), errors_apart=True
+        )
         process = DemoProcess(name, child)
         self.children.append(process)
         return process

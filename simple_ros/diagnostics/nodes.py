@@ -21,8 +21,8 @@ from simple_ros.timers import Timer
 
 __all__ = ["DIAGNOSTICS_TOPIC", "DiagnosticAggregator", "DiagnosticUpdater", "TopicWatch"]
 
-DIAGNOSTICS_TOPIC = "diagnostics"
-AGGREGATED_TOPIC = "diagnostics_agg"
+DIAGNOSTICS_TOPIC = "/diagnostics"
+AGGREGATED_TOPIC = "/diagnostics_agg"
 QOS = QosProfile(depth=100)
 
 MessageT = TypeVar("MessageT")

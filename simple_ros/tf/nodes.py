@@ -22,8 +22,8 @@ __all__ = ["StaticTransformBroadcaster", "TransformBroadcaster", "TransformListe
 
 logger = logging.getLogger(__name__)
 
-TF_TOPIC = "tf"
-TF_STATIC_TOPIC = "tf_static"
+TF_TOPIC = "/tf"
+TF_STATIC_TOPIC = "/tf_static"
 TF_QOS = QosProfile(depth=100)
 # Takes also what is sent with best effort, and from everybody latched who sends it so.
 _LISTENER_QOS = QosProfile(depth=1000, reliability=Reliability.BEST_EFFORT)

@@ -16,8 +16,12 @@ from support.processes import master_process, program
 from support.waiting import until
 
 from simple_ros import aio
+from simple_ros.blocking import ActionClient as BlockingActionClient
+from simple_ros.blocking import ActionServer as BlockingActionServer
 from simple_ros.blocking import BlockingNode
+from simple_ros.blocking import ClientGoal as BlockingClientGoal
 from simple_ros.blocking import Publisher as BlockingPublisher
+from simple_ros.blocking import ServerGoal as BlockingServerGoal
 from simple_ros.blocking import ServiceClient as BlockingServiceClient
 from simple_ros.blocking import ServiceServer as BlockingServiceServer
 from simple_ros.blocking import Subscriber as BlockingSubscriber
@@ -76,6 +80,10 @@ def spin_until(system: SystemManager, condition: object, limit: float = 10.0) ->
         (BlockingTimer, aio.Timer),
         (BlockingServiceServer, aio.ServiceServer),
         (BlockingServiceClient, aio.ServiceClient),
+        (BlockingActionServer, aio.ActionServer),
+        (BlockingActionClient, aio.ActionClient),
+        (BlockingServerGoal, aio.ServerGoal),
+        (BlockingClientGoal, aio.ClientGoal),
     ],
 )
 def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
@@ -91,9 +99,20 @@ def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
         ),
         *("failed", "wait_ended", "subscribe_batches", "targets", "targets_update", "reregistered"),
         *("report", "abandon", "check_open", "check_type", "publish_async", "publish_bytes_async"),
-        *("take_batch", "room", "call_when_room", "sources_changed", "receive_within"),
+        *(
+            "take_batch",
+            "take_payloads",
+            "room",
+            "call_when_room",
+            "sources_changed",
+            "receive_within",
+        ),
         *("dropped_messages", "provide", "forget_service", "providers", "lanes", "resolve_name"),
         *("give_up", "info", "take"),
+        *("open", "finish", "end", "send_feedback", "listen", "fetch", "cancel_goal", "goal_ended"),
+        *("heard", "sent", "accepted", "feedback_came", "take_feedback_by"),
+        # Of advertise_action: a thread cannot be interrupted.
+        "interrupt",
     }
 
     def public(cls: type) -> set[str]:
@@ -103,7 +122,7 @@ def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
     for name in public(asynchronous):
         theirs, ours = getattr(asynchronous, name), getattr(blocking, name)
         if inspect.isfunction(theirs) and name != "receive":
-            expected = list(inspect.signature(theirs).parameters)
+            expected = [p for p in inspect.signature(theirs).parameters if p not in internal]
             assert [p for p in inspect.signature(ours).parameters if p in expected] == expected
 
 

@@ -210,7 +210,7 @@ async def test_silence_is_told(
     async with aio.NodeHandle("robot", master=master.address) as node:
         events: list[TimerEvent] = []
         node.create_timer(0.001, events.append)
-        await until(lambda: "nothing has come on topic 'clock'" in caplog.text)
+        await until(lambda: "nothing has come on topic '/clock'" in caplog.text)
         assert "robot" in caplog.text
         assert events == []
         node.create_timer(0.001, events.append)

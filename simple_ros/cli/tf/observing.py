@@ -35,8 +35,8 @@ async def observing(master: str | None) -> AsyncIterator[tuple[NodeHandle, Obser
             for transform in message.transforms:
                 observation.receive(transform, now_s, is_static=is_static)
 
-        await node.subscribe("tf", TFMessage, lambda message: take(message, False), qos=qos)
-        await node.subscribe("tf_static", TFMessage, lambda message: take(message, True), qos=qos)
+        await node.subscribe("/tf", TFMessage, lambda message: take(message, False), qos=qos)
+        await node.subscribe("/tf_static", TFMessage, lambda message: take(message, True), qos=qos)
         yield node, observation, clock
 
 
