@@ -22,6 +22,11 @@ import threading
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
+from simple_ros.actions.client import ActionClient
+from simple_ros.actions.client_goal import ClientGoal, GoalOutcome
+from simple_ros.actions.goal import ServerGoal
+from simple_ros.actions.server import ActionServer
+from simple_ros.actions.states import GoalState
 from simple_ros.errors import NodeNameTaken
 from simple_ros.net.master_client import MasterClient
 from simple_ros.node import NodeHandle
@@ -34,11 +39,17 @@ from simple_ros.timers import Timer
 from simple_ros.wire.calls import AdaptiveTimeout
 
 __all__ = [
+    "ActionClient",
+    "ActionServer",
     "AdaptiveTimeout",
+    "ClientGoal",
+    "GoalOutcome",
+    "GoalState",
     "MasterClient",
     "NodeHandle",
     "Publisher",
     "PublisherStatistics",
+    "ServerGoal",
     "ServiceClient",
     "ServiceServer",
     "ServiceStatistics",

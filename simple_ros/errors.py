@@ -20,6 +20,14 @@ Each error also inherits the builtin a caller would expect and carries its facts
     │   ├── ServiceUnavailable ConnectionError  nobody provides it, or its provider is gone
     │   ├── ServiceTimeout     TimeoutError     no answer in time
     │   └── RemoteServiceError RuntimeError     its handler raised an exception
+    ├── ActionError            Exception        a goal of an action did not go as wanted
+    │   ├── GoalRejected       RuntimeError     the server did not accept it
+    │   ├── GoalAborted        RuntimeError     the server gave it up
+    │   ├── GoalCanceled       RuntimeError     it was canceled, or a newer one took its place
+    │   ├── CancelRejected     RuntimeError     the server does not let it be canceled
+    │   ├── UnknownGoal        LookupError      the server knows no such goal (any more)
+    │   └── ActionServerLost   ConnectionError  the server ended before the goal did
+    ├── InvalidGoalTransition  RuntimeError     that cannot happen to a goal in this state
     └── TypeDefinitionConflict TypeError        a message type is known with another definition
 """
 
@@ -28,10 +36,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 __all__ = [
+    "ActionError",
+    "ActionServerLost",
     "AddressInUse",
+    "CancelRejected",
     "ConfigError",
     "FrameError",
+    "GoalAborted",
+    "GoalCanceled",
+    "GoalRejected",
     "HandleClosed",
+    "InvalidGoalTransition",
     "InvalidName",
     "MasterUnavailable",
     "MessageTooLarge",
@@ -46,6 +61,7 @@ __all__ = [
     "SimpleRosError",
     "TopicTypeMismatch",
     "TypeDefinitionConflict",
+    "UnknownGoal",
     "UnknownMessageType",
 ]
 
@@ -285,3 +301,84 @@ class RemoteServiceError(ServiceCallError, RuntimeError):
         self.type = type
         self.message = message
         super().__init__(service, f"node {node!r} raised {type}: {message}")
+
+
+class ActionError(SimpleRosError):
+    """A goal of an action did not go as wanted.
+
+    Attributes:
+        action: Name of the action.
+        goal_id: Of the goal, 32 hexadecimal digits; empty if it never had one.
+        reason: Why.
+    """
+
+    def __init__(self, action: str, goal_id: str, reason: str) -> None:
+        self.action = action
+        self.goal_id = goal_id
+        self.reason = reason
+        goal = f", goal {goal_id}" if goal_id else ""
+        super().__init__(f"action {action!r}{goal}: {reason}")
+
+
+class GoalRejected(ActionError, RuntimeError):
+    """The server did not accept the goal."""
+
+
+class GoalAborted(ActionError, RuntimeError):
+    """The server gave the goal up.
+
+    Attributes:
+        result: The result it gave nevertheless, else an empty one.
+        type: Class of the exception that ended the goal; empty if none did.
+        message: Its text, or what the server said.
+    """
+
+    def __init__(self, action: str, goal_id: str, result: object, type: str, message: str) -> None:  # noqa: A002
+        self.result = result
+        self.type = type
+        self.message = message
+        said = ": ".join(part for part in (type, message) if part)
+        super().__init__(action, goal_id, f"aborted ({said})" if said else "aborted")
+
+
+class GoalCanceled(ActionError, RuntimeError):
+    """The goal was canceled, or a newer one took its place.
+
+    Attributes:
+        result: The result so far, if the server gave one, else an empty one.
+        message: What the server said.
+    """
+
+    def __init__(self, action: str, goal_id: str, result: object, message: str) -> None:
+        self.result = result
+        self.message = message
+        super().__init__(action, goal_id, f"canceled ({message})" if message else "canceled")
+
+
+class CancelRejected(ActionError, RuntimeError):
+    """The server does not let the goal be canceled; it goes on."""
+
+
+class UnknownGoal(ActionError, LookupError):
+    """The server knows no such goal: it never did, it was restarted, or the result's time is over."""
+
+
+class ActionServerLost(ActionError, ConnectionError):
+    """The server ended before the goal did; what became of the goal is not known."""
+
+
+class InvalidGoalTransition(SimpleRosError, RuntimeError):
+    """That cannot happen to a goal in the state it is in.
+
+    Attributes:
+        goal_id: Of the goal.
+        state: Name of the state.
+        event: What was to happen.
+    """
+
+    def __init__(self, goal_id: str, state: str, event: str) -> None:
+        self.goal_id = goal_id
+        self.state = state
+        self.event = event
+        goal = f"goal {goal_id}" if goal_id else "a goal"
+        super().__init__(f"{goal} is {state}: {event!r} cannot happen to it")

@@ -26,6 +26,7 @@ from simple_ros.msg.interfaces import ActionType, ServiceType
 from simple_ros.msg.registry import shipped_packages
 
 PACKAGES = [
+    "action_msgs",
     "builtin_interfaces",
     "diagnostic_msgs",
     "example",
@@ -39,6 +40,7 @@ PACKAGES = [
     "tf2_msgs",
     "ustc",
     "visualization_msgs",
+    "wireless_ros_msgs",
 ]
 
 # Fields in the order of the ROS message, for the types people port code with.
