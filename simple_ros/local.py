@@ -170,8 +170,8 @@ class ReferenceLink(LocalLink):
     def send(
         self,
         frames: Sequence[bytes],
-        joined: bytes,
-        expires_at: float = math.inf,  # noqa: ARG002
+        joined: bytes,  # noqa: ARG002
+        expires_at: float = math.inf,
     ) -> None:
         """Queue frames (a latched message): made objects of here."""
         skip = len(self._header) + 4

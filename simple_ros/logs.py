@@ -12,15 +12,17 @@ that do not fit are counted and dropped.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from typing import Self
 
 from simple_ros.blocking import BlockingNode
 from simple_ros.faces import parts_of
-from simple_ros.log_levels import python_level
+from simple_ros.log_levels import LEVEL_NAMES, level_name, python_level, ros_level
 from simple_ros.msg.rosgraph_msgs import Log
 from simple_ros.net.loop import BackgroundLoop
 from simple_ros.node import NodeHandle
+from simple_ros.parameters.errors import ParameterConflict
 from simple_ros.publisher import Publisher
 from simple_ros.qos import QosProfile
 from simple_ros.rosout import RosoutHandler, set_level
@@ -35,6 +37,7 @@ __all__ = [
 ]
 
 ROSOUT_TOPIC = "/rosout"
+LEVEL_PARAMETER = "~log_level"
 ROSOUT_QOS = QosProfile(depth=1000)
 
 
@@ -122,7 +125,7 @@ async def enable_rosout(
 ) -> Rosout:
     """Send what a logger gets, and the loggers below it, on ``rosout`` under a node's name.
 
-    Ends with the node. Lines of before the Master is found wait, as far as they fit.
+    The parameter ``~log_level`` changes the level (``simple-ros log set-level``). Ends with the node. Lines of before the Master is found wait, as far as they fit.
 
     Args:
         node: A started node.
@@ -139,6 +142,15 @@ async def enable_rosout(
     number = python_level(level)
     rosout = Rosout(logging.getLogger(logger), RosoutHandler(node, capacity))
     await rosout.start(node, number)
+    node.on_parameter_changed(LEVEL_PARAMETER, lambda level: rosout.set_level(str(level)))
+    # Somebody may have declared it already, in another way.
+    with contextlib.suppress(ParameterConflict):
+        await node.declare_parameter(
+            LEVEL_PARAMETER,
+            level_name(ros_level(number)),
+            choices=LEVEL_NAMES,
+            description="From which level on lines are sent on /rosout.",
+        )
     return rosout
 
 

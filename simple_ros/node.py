@@ -35,6 +35,7 @@ from simple_ros.rpc import master_pb2
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros.schedule import TimerSchedule
 from simple_ros.subscriber import Callback, Subscriber
+from simple_ros.tasks import quietly
 from simple_ros.timers import Timer, TimerCallback
 from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES, TARGETS_UPDATE_TYPE
 from simple_ros.wire.session import EndpointKey, EndpointKind
@@ -133,6 +134,7 @@ class NodeHandle(ActionMethods, ServiceMethods, ParameterFace):
         self._closing: asyncio.Task[None] | None = None
         self._flush_until: float | None = None
         self._asked_to_end: asyncio.Task[None] | None = None
+        self._declaring: asyncio.Task[None] | None = None
 
     # -- life ----------------------------------------------------------------------------------
 
@@ -158,9 +160,21 @@ class NodeHandle(ActionMethods, ServiceMethods, ParameterFace):
             self._registrar = Registrar(
                 self.identity, self.endpoints, self._parameters, self._connect, self._failed
             )
-            # With simulated time it follows /clock from here on.
-            Clock.attach(self)
+            self._start_clock()
         return self
+
+    def _start_clock(self) -> None:
+        """With simulated time it follows ``/clock`` from here on; ``~use_sim_time`` switches."""
+        clock = Clock.attach(self)
+        self.on_parameter_changed("~use_sim_time", lambda on: clock.use_sim_time(on is True))
+        told = self._parameters.override("~use_sim_time")
+        if told is not None:
+            clock.use_sim_time(told is True)
+        if told is not None or clock.is_sim:
+            declaring = self.declare_parameter(
+                "~use_sim_time", clock.is_sim, description="Go by /clock."
+            )
+            self._declaring = asyncio.get_running_loop().create_task(quietly(declaring))
 
     async def _started_server(self) -> NodeServer:
         await self.identity.refresh()

@@ -8,7 +8,9 @@ import logging
 from collections.abc import AsyncIterator, Coroutine, Iterable
 from typing import Any
 
-__all__ = ["first_of", "run_all", "said_when_slow"]
+from simple_ros.errors import SimpleRosError
+
+__all__ = ["first_of", "quietly", "run_all", "said_when_slow"]
 
 logger = logging.getLogger(__name__)
 
@@ -52,3 +54,11 @@ async def said_when_slow(address: str) -> AsyncIterator[None]:
         handle.cancel()
     if said:
         logger.warning("found the Master at %s", address)
+
+
+async def quietly(coroutine: Coroutine[Any, Any, object]) -> None:
+    """Run something that may fail because the node ends meanwhile; what goes wrong is logged."""
+    try:
+        await coroutine
+    except SimpleRosError as error:
+        logger.debug("given up: %s", error)

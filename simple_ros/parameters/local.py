@@ -88,6 +88,10 @@ class NodeParameters:
         """The full name of a parameter."""
         return self._scope.resolve(name, "parameter")
 
+    def override(self, name: str) -> Value | None:
+        """What the node was told from outside to use for a parameter, if anything."""
+        return self._overrides.get(self.resolve(name))
+
     def _group(self, prefix: str) -> str:
         if prefix in ("", "/"):
             return ""

@@ -234,9 +234,7 @@ from simple_ros.logs import enable_rosout
 
 async def main():
     async with aio.NodeHandle("robot") as node:
-        rosout = await enable_rosout(node)
-        await node.declare_parameter("~log_level", "info")
-        node.on_parameter_changed("~log_level", rosout.set_level)
+        await enable_rosout(node)
 
         def tick(event):
             logging.info("all is well")

@@ -13,6 +13,7 @@ from support.processes import python
 from support.waiting import until
 
 from simple_ros import aio, clock
+from simple_ros.arguments import Arguments
 from simple_ros.blocking import Timer as BlockingTimer
 from simple_ros.blocking.clock import BlockingClock
 from simple_ros.clock import CLOCK_TOPIC, Clock
@@ -348,3 +349,16 @@ def test_blocking_face() -> None:
     world.close()
     loop.run(master.stop())
     loop.stop()
+
+
+async def test_the_parameter_switches_simulated_time(master: Master) -> None:
+    told = Arguments.parse(["_use_sim_time:=true"])
+    async with (
+        NodeHandle("robot", master=master.address, arguments=told) as robot,
+        NodeHandle("operator", master=master.address) as operator,
+    ):
+        assert robot.clock.is_sim
+        await until(lambda: "~use_sim_time" in robot.parameters)
+        assert await operator.get_parameter("/robot/use_sim_time") is True
+        await operator.set_parameters({"/robot/use_sim_time": False})
+        await until(lambda: not robot.clock.is_sim)
