@@ -354,8 +354,8 @@ def test_blocking_face() -> None:
 async def test_the_parameter_switches_simulated_time(master: Master) -> None:
     told = Arguments.parse(["_use_sim_time:=true"])
     async with (
-        NodeHandle("robot", master=master.address, arguments=told) as robot,
-        NodeHandle("operator", master=master.address) as operator,
+        aio.NodeHandle("robot", master=master.address, arguments=told) as robot,
+        aio.NodeHandle("operator", master=master.address) as operator,
     ):
         assert robot.clock.is_sim
         await until(lambda: "~use_sim_time" in robot.parameters)
