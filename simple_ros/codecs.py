@@ -60,6 +60,10 @@ class Codec(ABC):
         """What a publisher calls for each message."""
         return self.encode
 
+    def parter(self, message_class: type) -> Callable[[Any], tuple[Any, ...]] | None:  # noqa: ARG002
+        """What makes of a message the buffers that together are its bytes, if it is not one."""
+        return None
+
     def decoder(self, message_class: type) -> Callable[[Any], Any]:
         """What a subscription calls for each message; equal for equal classes."""
         return _Decoder(self, message_class)

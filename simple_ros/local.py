@@ -85,6 +85,11 @@ class LocalLink:
             self._scheduled = True
             self._loop.call_soon(self._deliver)
 
+    def send_parts(self, parts: tuple[Any, ...], expires_at: float = math.inf) -> None:
+        """Queue one large frame, given as several buffers."""
+        joined = b"".join(parts)
+        self.send((joined,), joined, expires_at)
+
     takes_any = False
     """Whether everything is taken for now: it depends on the queue."""
 

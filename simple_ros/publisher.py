@@ -23,6 +23,7 @@ from simple_ros.codecs import Codec
 from simple_ros.errors import HandleClosed, MessageTooLarge, QueueFull
 from simple_ros.events import DeadlineMissed, IncompatibleQos, QosEvent, QosEventCallback
 from simple_ros.links import Link, SubscriberLinks
+from simple_ros.net.memory import LARGE_BYTES, keep_large_blocks
 from simple_ros.net.transport import InProcess, Transport
 from simple_ros.qos import Durability, QosProfile
 from simple_ros.watch import Watchdog
@@ -44,6 +45,7 @@ _monotonic = time.monotonic
 _get_ident = threading.get_ident
 _BATCH_MESSAGES = 64
 _SMALL_BYTES = 1024
+_LARGE_BYTES = 64 * 1024
 _BURST_S = 100e-6
 
 
@@ -92,6 +94,7 @@ class Publisher(Generic[MessageT]):
         self.qos = qos
         self.message_class = message_class
         self.encode = codec.encoder(message_class)
+        self._part = codec.parter(message_class)
         self._codec = codec
         self._node = node
         self._on_event = on_event
@@ -149,13 +152,17 @@ class Publisher(Generic[MessageT]):
             size = len(payload)
             if size <= _SMALL_BYTES:
                 batch = self._batch
-                batch.append((self._prefix if size == self._size else self._prefixed(size)) + payload)
+                batch.append(
+                    (self._prefix if size == self._size else self._prefixed(size)) + payload
+                )
                 if len(batch) >= _BATCH_MESSAGES:
                     self._send_batch()
                 return
             self.publish_bytes(payload)
         elif self._links.references:
             self._publish_object(message)
+        elif self._part is not None:
+            self._publish_parts(self._part(message))
         else:
             self.publish_bytes(self.encode(message))
 
@@ -199,7 +206,9 @@ class Publisher(Generic[MessageT]):
             size = len(payload)
             if size <= _SMALL_BYTES:
                 batch = self._batch
-                batch.append((self._prefix if size == self._size else self._prefixed(size)) + payload)
+                batch.append(
+                    (self._prefix if size == self._size else self._prefixed(size)) + payload
+                )
                 if len(batch) >= _BATCH_MESSAGES:
                     self._send_batch()
                     # Give everybody else a turn.
@@ -209,6 +218,10 @@ class Publisher(Generic[MessageT]):
         elif self._links.references:
             await self._wait_for_room(1)
             self._publish_object(message)
+        elif self._part is not None:
+            parts = self._part(message)
+            await self._wait_for_room(sum(map(len, parts)))
+            self._publish_parts(parts)
         else:
             await self.publish_bytes_async(self.encode(message))
 
@@ -245,9 +258,7 @@ class Publisher(Generic[MessageT]):
     def _put(self, payload: bytes, size: int) -> bool:
         """Send now or with the batch of this tick; True if that completed a batch."""
         if _get_ident() != self._thread:
-            raise RuntimeError(
-                f"publish on {self.topic!r} was called from another thread than its event loop's"
-            )
+            self._check_thread()
         if self._latches:
             self._latched = payload, self._expiry()
         if self._deadline is not None:
@@ -255,6 +266,9 @@ class Publisher(Generic[MessageT]):
         if not self._links.spellings:
             self._published += 1
             return False
+        if size >= _LARGE_BYTES:
+            self._send_large((payload,), size)
+            return True
         if not self._ticking:
             now = _monotonic()
             if now - self._sent_at > _BURST_S:
@@ -272,6 +286,40 @@ class Publisher(Generic[MessageT]):
             self._send_batch()
             return True
         return False
+
+    def _publish_parts(self, parts: tuple[Any, ...]) -> None:
+        """As `publish_bytes`, for a message that is several buffers: none is copied on the way."""
+        self.check_open()
+        size = sum(map(len, parts))
+        if size < _LARGE_BYTES or self._latches:
+            self.publish_bytes(b"".join(parts))
+            return
+        if size > MAX_DATA_BYTES:
+            raise MessageTooLarge(self.topic, size, MAX_DATA_BYTES)
+        if self._blocks and not self._has_room(size):
+            raise QueueFull(self.topic)
+        self._check_thread()
+        if self._deadline is not None:
+            self._deadline.happened()
+        self._send_large(parts, size)
+
+    def _send_large(self, parts: tuple[Any, ...], size: int) -> None:
+        """Send at once, after what waits in this tick's batch."""
+        if size >= LARGE_BYTES:
+            keep_large_blocks()
+        self._send_batch()
+        self._published += 1
+        expires_at = self._expiry()
+        for spelling in self._links.spellings:
+            frame = (spelling.header + _pack_u32(size), *parts)
+            for link in spelling.links:
+                link.send_parts(frame, expires_at)
+
+    def _check_thread(self) -> None:
+        if _get_ident() != self._thread:
+            raise RuntimeError(
+                f"publish on {self.topic!r} was called from another thread than its event loop's"
+            )
 
     def _send_now(self, payload: bytes) -> None:
         expires_at = self._expiry()
@@ -397,6 +445,7 @@ class Publisher(Generic[MessageT]):
         self._is_plain = (
             len(spellings) == 1
             and not (self._closed or self._latches or self._deadline or self._links.references)
+            and self._part is None
             and (not self._blocks or all(link.takes_any for link in spellings[0].links))
         )
         self._size = -1

@@ -210,7 +210,10 @@ class Route:
                 mine = self._parsers.get(sink)
                 if mine is None:
                     continue
-                self._hand(sink, message if mine == parse else mine(encode(message)), 1)
+                if mine == parse:
+                    self._hand(sink, message, 1)
+                else:
+                    self._deliver_to(sink, memoryview(encode(message)))
         return taken
 
     def deliver(self, payloads: list[memoryview]) -> None:

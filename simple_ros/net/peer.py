@@ -12,7 +12,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable, Sequence
-from typing import cast
+from typing import Any, cast
 
 from simple_ros.net.addresses import connection_state, join_address, keep_alive
 from simple_ros.net.transport import TCP, InProcess, Transport, Way, ways_to
@@ -98,6 +98,18 @@ class OutboundLink(asyncio.Protocol):
         self._idle.clear()
         for frame in frames:
             self.queue.push(frame, len(frame), expires_at)
+
+    def send_parts(self, parts: tuple[Any, ...], expires_at: float = math.inf) -> None:
+        """Send or queue one large frame, given as several buffers."""
+        if self._direct and self._max_write is None:
+            self.sent += 1
+            assert self._transport is not None
+            self._transport.writelines(parts)
+            if self._check is None:
+                self._check = self._loop.call_later(_CHECK_EVERY_S, self._check_peer)
+        else:
+            joined = b"".join(parts)
+            self.send((joined,), joined, expires_at)
 
     @property
     def takes_any(self) -> bool:

@@ -11,6 +11,7 @@ from typing import cast
 from simple_ros.errors import AddressInUse
 from simple_ros.net.addresses import join_address, keep_alive, listening_socket
 from simple_ros.net.feeder import Feeder, Receiver, Source
+from simple_ros.net.memory import LARGE_BYTES, keep_large_blocks
 from simple_ros.net.transport import Listener, Place, Transport
 from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES, FrameDecoder, Run
 
@@ -49,6 +50,8 @@ class InboundLink(asyncio.BufferedProtocol):
         return self._decoder.get_buffer()
 
     def buffer_updated(self, nbytes: int) -> None:
+        if nbytes >= LARGE_BYTES // 4:
+            keep_large_blocks()
         runs = self._decoder.received(nbytes)
         if runs:
             self._feeder.feed(runs)

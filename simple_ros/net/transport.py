@@ -14,15 +14,17 @@ from __future__ import annotations
 
 import asyncio
 import os
+import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 from simple_ros import plugins
 from simple_ros.errors import ConfigError
 from simple_ros.net.addresses import join_address, split_address
+from simple_ros.net.stream import StreamTransport, connected
 from simple_ros.wire.session import Target
 
 __all__ = [
@@ -138,10 +140,28 @@ class TcpTransport(Transport):
     async def dial(self, address: str, protocol: asyncio.Protocol) -> None:
         """Connect."""
         host, port = split_address(address)
-        try:
-            await asyncio.get_running_loop().create_connection(lambda: protocol, host, port)
-        except OverflowError as error:
-            raise ValueError(f"{address!r} has no such port") from error
+        infos = await _resolved(host, port)
+        problem = OSError(f"no address for {host!r}")
+        for family, _, _, _, target in infos:
+            try:
+                sock = await connected(family, target)
+            except OSError as error:
+                problem = error
+                continue
+            protocol.connection_made(StreamTransport(sock, protocol))
+            return
+        raise problem
+
+
+async def _resolved(host: str, port: int) -> list[Any]:
+    """Where a host is; one written in numbers needs no thread that asks."""
+    try:
+        return socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST | socket.AI_NUMERICSERV
+        )
+    except socket.gaierror:
+        loop = asyncio.get_running_loop()
+        return await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
 
 
 TCP = TcpTransport()

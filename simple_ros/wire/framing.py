@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 from simple_ros.errors import FrameError, MessageTooLarge
 from simple_ros.names import MAX_NAME_BYTES
+from simple_ros.wire.split import LENT_BYTES
 
 __all__ = [
     "DEFAULT_MAX_MESSAGE_BYTES",
@@ -53,6 +54,7 @@ _pack_u32 = _U32.pack
 _FIRST_BUFFER = 16 * 1024
 _SMALL_BUFFER = 256 * 1024
 _KEPT_BUFFER = 16 * 1024 * 1024
+_MOST_RETIRED = 4
 
 
 def encode_header(topic: str, msg_type: str) -> bytes:
@@ -100,7 +102,8 @@ class Run(NamedTuple):
 
     Attributes:
         header: As from `encode_header`.
-        payloads: Views into the decoder's buffer, valid until its next call.
+        payloads: Views into the decoder's buffer, valid until its next call; those of `LENT_BYTES` or
+            more as long as anybody holds them.
         oversized: Size in bytes of the one message that is drained instead, else 0.
     """
 
@@ -131,6 +134,8 @@ class FrameDecoder:
         self._peak = 0
         self._drain = 0
         self._header = b""
+        self._lent = False
+        self._retired: list[bytearray] = []
 
     @property
     def pending_bytes(self) -> int:
@@ -159,6 +164,8 @@ class FrameDecoder:
 
     def get_buffer(self) -> memoryview:
         """Where the next bytes go; never empty."""
+        if self._lent:
+            self._take_back()
         if self._start == self._end:
             self._start = self._end = 0
             size = len(self._buffer)
@@ -222,6 +229,8 @@ class FrameDecoder:
             if stop > end:
                 break
             append(view[begin:stop])
+            if size >= LENT_BYTES:
+                self._lent = True
             # Messages of one topic are often of one size: one comparison tells.
             prefix = view[start:begin]
             ahead = skip + 4
@@ -268,6 +277,24 @@ class FrameDecoder:
         else:
             self._replace_buffer(size * 2)
 
+    def _take_back(self) -> None:
+        """Large payloads were handed out: who still holds a view of one keeps the buffer with it."""
+        self._lent = False
+        self._view.release()
+        if _is_free(self._buffer):
+            self._view = memoryview(self._buffer)
+            return
+        kept, size = self._buffer, len(self._buffer)
+        free = next((item for item in self._retired if len(item) >= size and _is_free(item)), None)
+        if free is not None:
+            self._retired.remove(free)
+        buffer = bytearray(size) if free is None else free
+        self._retired = [*self._retired[-_MOST_RETIRED + 1 :], kept]
+        pending = self._end - self._start
+        buffer[:pending] = memoryview(kept)[self._start : self._end]
+        self._buffer, self._view = buffer, memoryview(buffer)
+        self._start, self._end = 0, pending
+
     def _replace_buffer(self, size: int) -> None:
         # Never resize in place: runs handed out may still look into the old buffer.
         pending = self._view[self._start : self._end]
@@ -276,3 +303,13 @@ class FrameDecoder:
         self._buffer = buffer
         self._view = memoryview(buffer)
         self._start, self._end = 0, len(pending)
+
+
+def _is_free(buffer: bytearray) -> bool:
+    """Whether nobody holds a view of a buffer, which alone may then change its size."""
+    try:
+        del buffer[-1:]
+    except BufferError:
+        return False
+    buffer.append(0)
+    return True

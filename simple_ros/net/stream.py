@@ -1,0 +1,199 @@
+"""The sending end of a stream socket, written for one purpose: data flows out, and nothing is copied.
+
+asyncio's own transport joins and copies what does not fit the socket at once, which for a camera image costs
+more than sending it. This one keeps views of immutable bytes as they are, takes a message in several parts
+(`writelines` is one system call), and tells at once when something had to wait.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+__all__ = ["StreamTransport", "connected"]
+
+logger = logging.getLogger(__name__)
+
+_MOST_PARTS = 256
+_READ_BYTES = 65536
+
+
+class StreamTransport(asyncio.Transport):
+    """A connected, non-blocking stream socket for a protocol that sends.
+
+    `asyncio.Protocol.pause_writing` is called as soon as anything waits, `resume_writing` when nothing
+    does. What is written is not copied if it is ``bytes``; other buffers are copied only as far as they
+    have to wait, so they may be changed when `write` has returned.
+    """
+
+    def __init__(self, sock: socket.socket, protocol: asyncio.Protocol) -> None:
+        super().__init__({"socket": sock, "peername": _peer_of(sock)})
+        self._loop = asyncio.get_running_loop()
+        self._sock = sock
+        self._fd = sock.fileno()
+        self._protocol = protocol
+        self._waiting: deque[memoryview] = deque()
+        self._closing = False
+        self._lost = False
+        self._loop.add_reader(self._fd, self._readable)
+
+    # -- writing -------------------------------------------------------------------------------
+
+    def write(self, data: Any) -> None:
+        """Send, or keep what does not fit the socket."""
+        if self._closing:
+            return
+        if self._waiting:
+            self._keep(data, 0)
+            return
+        try:
+            sent = self._sock.send(data)
+        except (BlockingIOError, InterruptedError):
+            sent = 0
+        except OSError as error:
+            self._fail(error)
+            return
+        if sent < len(data):
+            self._keep(data, sent)
+            self._wait()
+
+    def writelines(self, list_of_data: Iterable[Any]) -> None:
+        """Send several buffers as one."""
+        parts = list(list_of_data)
+        if self._closing:
+            return
+        sent = 0
+        if not self._waiting:
+            try:
+                sent = self._sock.sendmsg(parts[:_MOST_PARTS])
+            except (BlockingIOError, InterruptedError):
+                sent = 0
+            except OSError as error:
+                self._fail(error)
+                return
+        was_waiting = bool(self._waiting)
+        for part in parts:
+            size = len(part)
+            if sent < size:
+                self._keep(part, sent)
+            sent = max(0, sent - size)
+        if self._waiting and not was_waiting:
+            self._wait()
+
+    def _keep(self, data: Any, sent: int) -> None:
+        rest = memoryview(data)[sent:]
+        self._waiting.append(rest if isinstance(data, bytes) else memoryview(bytes(rest)))
+
+    def _wait(self) -> None:
+        self._loop.add_writer(self._fd, self._writable)
+        self._protocol.pause_writing()
+
+    def _writable(self) -> None:
+        waiting = self._waiting
+        try:
+            while waiting:
+                parts = [waiting[index] for index in range(min(len(waiting), _MOST_PARTS))]
+                sent = self._sock.sendmsg(parts)
+                while waiting and sent >= len(waiting[0]):
+                    sent -= len(waiting.popleft())
+                if sent:
+                    waiting[0] = waiting[0][sent:]
+                    return
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            self._fail(error)
+            return
+        self._loop.remove_writer(self._fd)
+        if self._closing:
+            self._end(None)
+        else:
+            self._protocol.resume_writing()
+
+    def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
+        """High water is always at zero."""
+
+    def get_write_buffer_size(self) -> int:
+        """Bytes that wait."""
+        return sum(map(len, self._waiting))
+
+    # -- reading -------------------------------------------------------------------------------
+
+    def _readable(self) -> None:
+        try:
+            data = self._sock.recv(_READ_BYTES)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            self._fail(error)
+            return
+        if data:
+            self._protocol.data_received(data)
+        else:
+            self._end(None)
+
+    # -- the end -------------------------------------------------------------------------------
+
+    def is_closing(self) -> bool:
+        """Whether it is closed, or about to be."""
+        return self._closing
+
+    def close(self) -> None:
+        """Send what waits, then end."""
+        if not self._closing:
+            self._closing = True
+            self._loop.remove_reader(self._fd)
+            if not self._waiting:
+                self._end(None)
+
+    def abort(self) -> None:
+        """End now."""
+        self._end(None)
+
+    def _fail(self, error: OSError) -> None:
+        logger.debug("connection to %s: %s", self.get_extra_info("peername"), error)
+        self._end(error)
+
+    def _end(self, error: Exception | None) -> None:
+        if self._lost:
+            return
+        self._lost = self._closing = True
+        self._waiting.clear()
+        self._loop.remove_reader(self._fd)
+        self._loop.remove_writer(self._fd)
+        self._loop.call_soon(self._finish, error)
+
+    def _finish(self, error: Exception | None) -> None:
+        try:
+            self._protocol.connection_lost(error)
+        finally:
+            self._sock.close()
+
+
+def _peer_of(sock: socket.socket) -> object:
+    try:
+        return sock.getpeername()
+    except OSError:
+        return None
+
+
+async def connected(family: int, address: Any) -> socket.socket:
+    """A non-blocking stream socket, connected.
+
+    Raises:
+        OSError: Nobody answers.
+    """
+    sock = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        sock.setblocking(False)
+        await asyncio.get_running_loop().sock_connect(sock, address)
+        if family in (socket.AF_INET, socket.AF_INET6):
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    except BaseException:
+        sock.close()
+        raise
+    return sock
