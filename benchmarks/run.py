@@ -4,6 +4,7 @@
 ``blocking`` the same through the blocking face, beside the asyncio face
 ``latency``  one-way latency at 1 kHz, the same way
 ``scale``    200 nodes and 2,000 topics on one Master
+``services`` calls of a service, beside other middleware that is installed (see ``services.py``)
 ``rest``     CPU of an idle node and of a 100 Hz publisher, user+system of the whole process, 60 s
 
 Only ratios travel between machines; absolute figures are medians of ``--runs`` rounds (5 unless
@@ -22,6 +23,7 @@ from typing import Any
 import harness
 import rest
 import scale
+import services
 
 STOCK_CPP_PER_SECOND = 900
 """Stock C++ simple_ros: one message, then 1 ms of sleep, so never more, on any machine."""
@@ -123,6 +125,7 @@ BENCHMARKS = {
     "blocking": blocking,
     "latency": latency,
     "scale": scaled,
+    "services": services.measure,
     "rest": at_rest,
 }
 

@@ -160,9 +160,9 @@ __all__ = [
     "TypeDefinitionConflict",
     "UnknownGoal",
     "UnknownMessageType",
-    "ready",
     "UnknownParameter",
     "argv",
+    "ready",
 ]
 
 

@@ -34,7 +34,7 @@ __all__ = ["DEFAULT_TRANSPORTS", "Component", "component", "main", "run_componen
 
 logger = logging.getLogger(__name__)
 
-DEFAULT_TRANSPORTS = (InProcess.REFERENCE.value, "tcp")
+DEFAULT_TRANSPORTS = (InProcess.REFERENCE.value, "unix", "tcp")
 
 
 @dataclass(frozen=True, slots=True)

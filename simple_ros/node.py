@@ -66,7 +66,7 @@ class NodeHandle(ActionMethods, ServiceMethods, ParameterFace):
         port: Port to listen on; 0 takes any free one.
         max_message_bytes: Larger incoming messages are counted and dropped.
         transports: How messages may travel, most wanted first: names or `Transport` objects; None
-            takes ``SIMPLE_ROS_TRANSPORTS``, else ``("local", "tcp")``.
+            takes ``SIMPLE_ROS_TRANSPORTS``, else ``("local", "unix", "tcp")``.
         namespace: Where its relative names are; ``__ns:=`` replaces it.
         arguments: Name, namespace, remaps and parameters from outside; None takes those of the
             process, from ``SIMPLE_ROS_ARGS`` and the command line.

@@ -9,6 +9,7 @@ from google.protobuf.message import Message
 
 from simple_ros.errors import RegistrationRefused
 from simple_ros.msg.interfaces import ServiceType, service_type
+from simple_ros.net.transport import UNIX
 from simple_ros.rpc import services_pb2 as srv
 from simple_ros.service_client import ProviderLinks, ServiceClient, Timeout
 from simple_ros.service_server import LaneFinder, ServiceHandler, ServiceServer
@@ -27,7 +28,7 @@ class ServiceMethods:
     """Part of `NodeHandle`."""
 
     def _init_services(self) -> None:
-        self.providers = ProviderLinks(self._local_lanes)
+        self.providers = ProviderLinks(self._local_lanes, by_unix=UNIX in self._as_node.transports)
         self.lanes = LaneFinder(self._as_node.endpoints.service_named)
 
     def _local_lanes(self, instance_id: str) -> LaneFinder | None:

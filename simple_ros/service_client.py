@@ -235,9 +235,11 @@ class ProviderLinks:
 
     Args:
         local_lanes: Finds the lanes of a node of this event loop by its instance id.
+        by_unix: Whether to use Unix sockets on this host.
     """
 
-    def __init__(self, local_lanes: Callable[[str], LaneFinder | None]) -> None:
+    def __init__(self, local_lanes: Callable[[str], LaneFinder | None], *, by_unix: bool) -> None:
+        self._by_unix = by_unix
         self._local_lanes = local_lanes
         self._links: dict[str, ProviderLink] = {}
         self._dialling: dict[str, asyncio.Task[ProviderLink]] = {}
@@ -269,7 +271,11 @@ class ProviderLinks:
             raise ServiceUnavailable(info.name, reason) from None
 
     async def _dialled(self, key: str, provider: Any) -> ProviderLink:
-        addresses = [join_address(provider.ip, provider.port)]
+        # A Unix socket first, if this node uses them and the provider is on this host.
+        addresses = [item for item in provider.addresses if item.startswith("unix://")]
+        if not self._by_unix:
+            addresses.clear()
+        addresses.append(join_address(provider.ip, provider.port))
         addresses += [address for address in provider.addresses if "://" not in address]
 
         def lost(_: ProviderLink) -> None:

@@ -154,6 +154,11 @@ class ServiceServer(Generic[RequestT, ResponseT]):
 
     # -- requests ------------------------------------------------------------------------------
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether it answers no more."""
+        return self._closed
+
     def take(self, lane: ServiceLane, request: Request) -> None:
         """A request has arrived (called by its lane)."""
         self._calls += 1
@@ -285,6 +290,7 @@ class ServiceLane:
     ) -> None:
         self.calls: dict[int, _Call] = {}
         self._server = server
+        self._known: ServiceServer[Any, Any] | None = None
         self._out = Coalescer(link.write)
         self._header = encode_header(name, RESPONSE_TYPE)
         self._batch: list[bytes] | None = None
@@ -310,7 +316,10 @@ class ServiceLane:
         return len(payloads)
 
     def _take(self, request: Request) -> None:
-        server = self._server()
+        server = self._known
+        if server is None or server.is_closed:
+            # Finding it goes through all that the node publishes and provides.
+            server = self._known = self._server()
         if server is None:
             self.refuse(request.id, Status.UNKNOWN_SERVICE, "", "")
         else:
@@ -357,6 +366,7 @@ class LocalLane(ServiceLane):
     ) -> None:
         self.calls = {}
         self._server = server
+        self._known = None
         self._future = future
 
     def request(self, payload: bytes, timeout_s: float | None, priority: int) -> None:

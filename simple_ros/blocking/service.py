@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from functools import partial
-from typing import Any, Generic, NamedTuple, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from google.protobuf.message import Message
 
@@ -49,8 +47,6 @@ class SpinningHandler:
     ) -> None:
         self._queue = executor.queue
         self._handler = handler
-        self._settled: deque[Callable[[], None]] = deque()
-        self._settles = False
         self._token: Token = self._queue.add_subscriber(
             f"simple_ros/calls/{name}", lambda call: call(), depth=depth, group=group
         )
@@ -74,24 +70,12 @@ class SpinningHandler:
             try:
                 result = self._handler(*arguments)
             except Exception as error:
-                self._hand_back(loop, partial(settle, None, error))
+                loop.call_soon_threadsafe(settle, None, error)
             else:
-                self._hand_back(loop, partial(settle, result, None))
+                loop.call_soon_threadsafe(settle, result, None)
 
         self._queue.deliver(self._token, (work,))
         return await future
-
-    def _hand_back(self, loop: asyncio.AbstractEventLoop, settle: Callable[[], None]) -> None:
-        """To the event loop, which is woken once for all that is done by then."""
-        self._settled.append(settle)
-        if not self._settles:
-            self._settles = True
-            loop.call_soon_threadsafe(self._settle_all)
-
-    def _settle_all(self) -> None:
-        self._settles = False
-        while self._settled:
-            self._settled.popleft()()
 
     def close(self) -> None:
         """Call no more."""
@@ -143,15 +127,6 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         return repr(self._server)
 
 
-class _Asked(NamedTuple):
-    """A call that was asked for and not begun."""
-
-    future: Future[Any]
-    request: Any
-    timeout: Timeout | str
-    priority: int | None
-
-
 class ServiceClient(Generic[RequestT, ResponseT]):
     """Calls one service. Made by `NodeHandle.service_client`. May be used from any thread."""
 
@@ -166,9 +141,6 @@ class ServiceClient(Generic[RequestT, ResponseT]):
         self._executor = executor
         self._client = client
         self._is_own = is_own
-        self._asked: deque[_Asked] = deque()
-        self._under_way: set[asyncio.Task[ResponseT]] = set()
-        self._begins = False
 
     @property
     def name(self) -> str:
@@ -221,48 +193,10 @@ class ServiceClient(Generic[RequestT, ResponseT]):
             priority: As for `call`.
             callback: Called with the future, once it is done, in a thread that spins.
         """
-        future: Future[ResponseT] = Future()
+        future = self._loop.submit(self._client.call(request, timeout=timeout, priority=priority))
         if callback is not None:
             future.add_done_callback(lambda done: self._executor.call_soon(lambda: callback(done)))
-        self._asked.append(_Asked(future, request, timeout, priority))
-        if not self._begins:
-            # The event loop is woken once for all calls that a thread makes meanwhile.
-            self._begins = True
-            self._loop.call_soon(self._begin_all)
         return future
-
-    def _begin_all(self) -> None:
-        self._begins = False
-        while self._asked:
-            asked = self._asked.popleft()
-            if not asked.future.cancelled():
-                self._begin(asked)
-
-    def _begin(self, asked: _Asked) -> None:
-        """Begin a call on the event loop; cancelling the future takes it back."""
-        future = asked.future
-        task = asyncio.get_running_loop().create_task(
-            self._client.call(asked.request, timeout=asked.timeout, priority=asked.priority)
-        )
-        self._under_way.add(task)
-
-        def cancelled(_: Future[Any]) -> None:
-            if future.cancelled():
-                self._loop.call_soon(task.cancel)
-
-        def ended(_: asyncio.Task[Any]) -> None:
-            self._under_way.discard(task)
-            if task.cancelled():
-                future.cancel()
-            elif future.set_running_or_notify_cancel():
-                error = task.exception()
-                if error is None:
-                    future.set_result(task.result())
-                else:
-                    future.set_exception(error)
-
-        task.add_done_callback(ended)
-        future.add_done_callback(cancelled)
 
     def wait_for_service(self, timeout: float | None = None) -> None:
         """Return when some node provides the service and can be called.

@@ -7,7 +7,26 @@ from typing import Annotated
 
 import typer
 
-from simple_ros.cli import demo, engine, graph, msg, node, topic
+from simple_ros.arguments import use_environment_only
+from simple_ros.cli import (
+    action,
+    bag,
+    demo,
+    diag,
+    doctor,
+    engine,
+    foxglove,
+    graph,
+    launch,
+    log,
+    msg,
+    new,
+    node,
+    param,
+    service,
+    tf,
+    topic,
+)
 from simple_ros.cli.plugins import Nouns
 from simple_ros.errors import SimpleRosError
 
@@ -22,10 +41,21 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("graph")(graph.command)
+app.add_typer(log.app, name="log")
+app.command("diag")(diag.command)
+app.command("launch")(launch.command)
+app.command("foxglove")(foxglove.command)
+app.command("doctor")(doctor.command)
 app.add_typer(demo.app, name="demo")
+app.add_typer(bag.app, name="bag")
 app.add_typer(node.app, name="node")
 app.add_typer(topic.app, name="topic")
+app.add_typer(service.app, name="service")
+app.add_typer(action.app, name="action")
+app.add_typer(param.app, name="param")
+app.add_typer(tf.app, name="tf")
 app.add_typer(msg.app, name="msg")
+app.add_typer(new.app, name="new")
 app.add_typer(engine.app, name="engine")
 
 
@@ -49,6 +79,8 @@ def _options(
 
 def main() -> None:
     """Run ``simple-ros``; errors of this project are one line on stderr and exit code 1."""
+    # A word with ':=' may well be part of a message here.
+    use_environment_only()
     try:
         app(prog_name="simple-ros")
     except SimpleRosError as error:

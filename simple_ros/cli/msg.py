@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +15,9 @@ from simple_ros.errors import ConfigError, SimpleRosError, UnknownMessageType
 if TYPE_CHECKING:
     from google.protobuf.message import Message
 
-__all__ = ["app"]
+__all__ = ["INSTALL_COMPILER", "app", "compiled"]
+
+INSTALL_COMPILER = "pip install grpcio-tools"
 
 app = typer.Typer(help="Message types: list them, show their fields, compile your own.")
 
@@ -89,13 +92,30 @@ def compile_files(
     ``mine.proto`` becomes ``mine_pb2.py``. In it, ``import "simple_ros/msg/geometry_msgs.proto";``
     gives ``geometry_msgs.Pose``.
     """
+    roots = include or sorted({file.parent for file in files})
+    for made in compiled(files, out, roots):
+        typer.echo(f"made {made} and {made.with_suffix('.pyi')}")
+
+
+def compiled(files: Sequence[Path], out: Path, roots: Sequence[Path]) -> list[Path]:
+    """Make modules, and stubs beside them, of .proto files, which may import the shipped messages.
+
+    Args:
+        files: The .proto files.
+        out: Directory for the modules; it is made if it is not there.
+        roots: Where imports are looked for; a file keeps its path below one of them.
+
+    Returns:
+        The modules.
+
+    Raises:
+        ConfigError: The compiler is not installed.
+        SimpleRosError: They do not compile; the compiler has said why on stderr.
+    """
     try:
         from grpc_tools import protoc
     except ImportError:
-        raise ConfigError(
-            "compiling needs the protobuf compiler: pip install 'simple-ros[msg]'"
-        ) from None
-    roots = include or sorted({file.parent for file in files})
+        raise ConfigError(f"compiling needs the protobuf compiler: {INSTALL_COMPILER}") from None
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(prefix="simple_ros_msg_") as shipped:
         shipped.write(_shipped_definitions())
@@ -109,11 +129,10 @@ def compile_files(
         ]
         if protoc.main(["protoc", *arguments]) != 0:
             raise SimpleRosError("not compiled; what is wrong is said above")
-    for file in files:
-        typer.echo(f"made {_module(out, file, roots)}")
+    return [_module(out, file, roots) for file in files]
 
 
-def _module(out: Path, file: Path, roots: list[Path]) -> Path:
+def _module(out: Path, file: Path, roots: Sequence[Path]) -> Path:
     root = next((root for root in roots if file.is_relative_to(root)), file.parent)
     relative = file.relative_to(root)
     return out / relative.with_name(f"{relative.stem}_pb2.py")

@@ -17,6 +17,7 @@ from simple_ros.errors import (
     ServiceUnavailable,
 )
 from simple_ros.net.addresses import connection_state, keep_alive, split_address
+from simple_ros.net.unix import connected_unix
 from simple_ros.rpc import services_pb2 as srv
 from simple_ros.wire.calls import (
     CANCEL_TYPE,
@@ -105,7 +106,7 @@ class ProviderLink(asyncio.BufferedProtocol):
 
     Args:
         node: Its name, for people.
-        addresses: ``host:port``, tried in turn.
+        addresses: ``host:port``, or ``unix://...``, tried in turn.
         on_lost: Called when the connection has ended.
     """
 
@@ -143,13 +144,19 @@ class ProviderLink(asyncio.BufferedProtocol):
         problem: Exception = OSError("it has no address")
         for address in self._addresses:
             try:
-                host, port = split_address(address)
                 async with asyncio.timeout(_DIAL_TIMEOUT_S):
-                    await self._loop.create_connection(lambda: self, host, port)
+                    await self._connect(address)
                 return
             except (OSError, OverflowError, ValueError) as error:
                 problem = error
         raise OSError(str(problem) or type(problem).__name__)
+
+    async def _connect(self, address: str) -> None:
+        if "://" in address:
+            sock = await connected_unix(address)
+            await self._loop.create_unix_connection(lambda: self, sock=sock)
+        else:
+            await self._loop.create_connection(lambda: self, *split_address(address))
 
     # -- calling -------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ from simple_ros.errors import AddressInUse
 from simple_ros.net.addresses import join_address, keep_alive, listening_socket
 from simple_ros.net.feeder import Feeder, Receiver, Source
 from simple_ros.net.memory import LARGE_BYTES, keep_large_blocks
-from simple_ros.net.transport import Listener, Place, Transport
+from simple_ros.net.transport import UNIX, Listener, Place, Transport
 from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES, FrameDecoder, Run
 
 __all__ = ["InboundLink", "NodeServer"]
@@ -140,7 +140,8 @@ class NodeServer:
             try:
                 self._listeners.append(await transport.listen(self._accepted, place))
             except OSError as error:
-                logger.warning("not reachable by %s: %s", transport.scheme, error)
+                level = logging.DEBUG if transport is UNIX else logging.WARNING
+                logger.log(level, "not reachable by %s: %s", transport.scheme, error)
 
     @property
     def further_addresses(self) -> tuple[str, ...]:

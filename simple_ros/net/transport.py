@@ -25,6 +25,7 @@ from simple_ros import plugins
 from simple_ros.errors import ConfigError
 from simple_ros.net.addresses import join_address, split_address
 from simple_ros.net.stream import StreamTransport, connected
+from simple_ros.net.unix import UnixListener, dial_unix, is_available
 from simple_ros.wire.session import Target
 
 __all__ = [
@@ -54,7 +55,7 @@ class InProcess(Enum):
     REFERENCE = "reference"
 
 
-DEFAULT_TRANSPORTS = (InProcess.COPY.value, "tcp")
+DEFAULT_TRANSPORTS = (InProcess.COPY.value, "unix", "tcp")
 Acceptor: TypeAlias = "Callable[[], asyncio.BufferedProtocol]"
 TransportChoice: TypeAlias = "Sequence[str | Transport] | None"
 
@@ -153,6 +154,35 @@ class TcpTransport(Transport):
         raise problem
 
 
+class UnixTransport(Transport):
+    """Unix sockets, for peers on this host; others take the next way."""
+
+    scheme = "unix"
+
+    async def listen(self, accept: Acceptor, place: Place) -> Listener:
+        """Listen under the node's instance id."""
+        if not is_available():
+            raise OSError("this system has no abstract Unix sockets")
+        listener = _UnixListener()
+        listener.inner = UnixListener(place.instance_id, accept)
+        return listener
+
+    async def dial(self, address: str, protocol: asyncio.Protocol) -> None:
+        """Connect."""
+        await dial_unix(address, protocol)
+
+
+class _UnixListener(Listener):
+    inner: UnixListener
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        return self.inner.addresses
+
+    async def close(self) -> None:
+        await self.inner.close()
+
+
 async def _resolved(host: str, port: int) -> list[Any]:
     """Where a host is; one written in numbers needs no thread that asks."""
     try:
@@ -165,6 +195,8 @@ async def _resolved(host: str, port: int) -> list[Any]:
 
 
 TCP = TcpTransport()
+UNIX = UnixTransport()
+_BUILT_IN: dict[str, Transport] = {TCP.scheme: TCP, UNIX.scheme: UNIX}
 
 
 def feed(protocol: asyncio.BufferedProtocol, data: bytes | memoryview) -> None:
@@ -183,7 +215,7 @@ def chosen_transports(choice: TransportChoice = None) -> tuple[Transport | InPro
 
     Args:
         choice: Names and objects; None takes ``SIMPLE_ROS_TRANSPORTS`` (names separated by commas), else
-            ``local,tcp``.
+            ``local,unix,tcp``.
 
     Raises:
         ConfigError: It is empty, or an object is none; `plugins.UnknownPlugin` for a name.
@@ -202,8 +234,8 @@ def chosen_transports(choice: TransportChoice = None) -> tuple[Transport | InPro
 def _transport(item: str | Transport) -> Transport | InProcess:
     if item in [way.value for way in InProcess]:
         return InProcess(item)
-    if item == TcpTransport.scheme:
-        return TCP
+    if isinstance(item, str) and item in _BUILT_IN:
+        return _BUILT_IN[item]
     found = plugins.load(plugins.TRANSPORTS, item) if isinstance(item, str) else item
     made = found() if isinstance(found, type) else found
     if not isinstance(made, Transport):

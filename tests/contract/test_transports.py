@@ -48,6 +48,7 @@ KINDS = [
     Kind("local", lambda: ("local",)),
     Kind("reference", lambda: ("reference",)),
     Kind("tcp", lambda: ("tcp",)),
+    Kind("unix", lambda: ("unix",)),
     Kind("memory", lambda: (MemoryNetwork(),)),
     Kind("memory-delay", lambda: (MemoryNetwork(delay_s=0.005, jitter_s=0.005, seed=3),)),
     Kind(

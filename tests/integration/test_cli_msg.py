@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -60,8 +61,19 @@ def test_compiled_messages_use_the_shipped_ones(tmp_path: Path) -> None:
     pytest.importorskip("grpc_tools")
     (tmp_path / "beacon.proto").write_text(BEACON)
     output = run("compile", str(tmp_path / "beacon.proto"), "--out", str(tmp_path))
-    assert output == f"made {tmp_path / 'beacon_pb2.py'}\n"
-    assert (tmp_path / "beacon_pb2.pyi").exists()
+    module, stubs = tmp_path / "beacon_pb2.py", tmp_path / "beacon_pb2.pyi"
+    assert output == f"made {module} and {stubs}\n"
+    assert module.exists()
+    assert stubs.exists()
+
+
+def test_without_the_compiler_its_package_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "grpc_tools", None)
+    (tmp_path / "beacon.proto").write_text(BEACON)
+    result = CliRunner().invoke(app, ["compile", str(tmp_path / "beacon.proto")])
+    assert str(result.exception).endswith(": pip install grpcio-tools")
 
 
 def test_what_does_not_compile_says_so(tmp_path: Path) -> None:
