@@ -37,7 +37,8 @@ def is_available() -> bool:
 def host_id() -> str:
     """What tells this host and its network from others: its boot, and its network namespace."""
     boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-    return f"{boot}.{Path("/proc/self/ns/net").stat().st_ino}"
+    namespace = Path("/proc/self/ns/net").stat().st_ino
+    return f"{boot}.{namespace}"
 
 
 def _path(name: str) -> str:
