@@ -88,11 +88,10 @@ class ServiceClient(Generic[RequestT, ResponseT]):
             MasterUnavailable: The provider is not known yet and no Master answers.
             HandleClosed: The client or its node is closed.
         """
-        policy = self._timeout if isinstance(timeout, str) else timeout
-        limit = self.rtt.timeout_s(policy) if isinstance(policy, AdaptiveTimeout) else policy
+        limit = self.limit_s(timeout)
         begun = self._loop.time()
-        payload = self._serialised(request)
-        level = self._priority if priority is None else checked_priority(priority)
+        payload = self.serialised(request)
+        level = self.level(priority)
         link = self._link
         if link is None or not link.is_up or self._closed:
             link = await self._connected(limit)
@@ -108,7 +107,12 @@ class ServiceClient(Generic[RequestT, ResponseT]):
         self.rtt.measured(self._loop.time() - begun)
         return response
 
-    def _serialised(self, request: RequestT) -> bytes:
+    def serialised(self, request: RequestT) -> bytes:
+        """A request as bytes.
+
+        Raises:
+            TypeError: It is of another type than the service's.
+        """
         if request.__class__ is not self.type.request:
             given = getattr(getattr(request, "DESCRIPTOR", None), "full_name", None)
             if given != self.type.request.DESCRIPTOR.full_name:
@@ -128,6 +132,32 @@ class ServiceClient(Generic[RequestT, ResponseT]):
                 return self._link
         except TimeoutError:
             raise ServiceTimeout(self.name, "its provider could not be reached in time") from None
+
+    async def provider(self) -> srv.ServiceInfo:
+        """Who provides the service now, as the Master says.
+
+        Raises:
+            ServiceUnavailable: Nobody.
+            ServiceTypeMismatch: It has another type.
+            MasterUnavailable: No Master answers.
+            HandleClosed: The client is closed.
+        """
+        self.check_open()
+        return await self._found()
+
+    def check_open(self) -> None:
+        """Raise `HandleClosed` or `NodeNameTaken` if nothing can be called any more."""
+        if self._closed or self._node.is_closed:
+            raise self._node.failure or HandleClosed(f"client of service {self.name!r}")
+
+    def limit_s(self, timeout: Timeout | str) -> float | None:
+        """How long a call may take, in seconds, with a timeout as given to `call`."""
+        policy = self._timeout if isinstance(timeout, str) else timeout
+        return self.rtt.timeout_s(policy) if isinstance(policy, AdaptiveTimeout) else policy
+
+    def level(self, priority: int | None) -> int:
+        """The priority of a call, as given to `call`."""
+        return self._priority if priority is None else checked_priority(priority)
 
     async def _found(self) -> srv.ServiceInfo:
         request = srv.FindServiceRequest(name=self.name)
@@ -270,13 +300,15 @@ class ProviderLinks:
             reason = f"node {node!r} provides it but does not answer ({error})"
             raise ServiceUnavailable(info.name, reason) from None
 
+    def addresses_of(self, provider: Any) -> list[str]:
+        """Where a provider can be dialled: by a Unix socket first, if this node uses them."""
+        by_unix = [item for item in provider.addresses if item.startswith("unix://")]
+        by_tcp = [item for item in provider.addresses if "://" not in item]
+        own = join_address(provider.ip, provider.port)
+        return [*(by_unix if self._by_unix else ()), own, *by_tcp]
+
     async def _dialled(self, key: str, provider: Any) -> ProviderLink:
-        # A Unix socket first, if this node uses them and the provider is on this host.
-        addresses = [item for item in provider.addresses if item.startswith("unix://")]
-        if not self._by_unix:
-            addresses.clear()
-        addresses.append(join_address(provider.ip, provider.port))
-        addresses += [address for address in provider.addresses if "://" not in address]
+        addresses = self.addresses_of(provider)
 
         def lost(_: ProviderLink) -> None:
             self._links.pop(key, None)

@@ -84,6 +84,7 @@ class ServiceMethods:
                 node._executor,
                 client,
                 lambda name: endpoints.service_named(name) is not None,
+                node._node.providers.addresses_of,
             )
 
         return node._loop.run(made())

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, Generic, Self, TypeVar
 
 from google.protobuf.message import Message
 
+from simple_ros.blocking.direct import DirectLink
+from simple_ros.errors import ServiceTimeout
 from simple_ros.executor import Executor
 from simple_ros.message_queue import CallbackGroup, Token
 from simple_ros.msg.interfaces import ServiceType
+from simple_ros.names import canonical
 from simple_ros.net.loop import BackgroundLoop
 from simple_ros.service_client import ServiceClient as AsyncServiceClient
 from simple_ros.service_client import Timeout
@@ -136,7 +140,12 @@ class ServiceClient(Generic[RequestT, ResponseT]):
         executor: Executor,
         client: AsyncServiceClient[RequestT, ResponseT],
         is_own: Callable[[str], bool],
+        addresses_of: Callable[[Any], list[str]],
     ) -> None:
+        self._addresses_of = addresses_of
+        self._direct: DirectLink | None = None
+        self._direct_lock = threading.Lock()
+        self._is_closed = False
         self._loop = loop
         self._executor = executor
         self._client = client
@@ -175,7 +184,47 @@ class ServiceClient(Generic[RequestT, ResponseT]):
                 f"service {self.name!r} is provided by this process, and the only thread that could "
                 "answer is the one that asks; use call_async, or spin(threads=2) and another group"
             )
-        return self._loop.run(self._client.call(request, timeout=timeout, priority=priority))
+        if self._loop.is_current or not self._direct_lock.acquire(blocking=False):
+            # Somebody else is calling: the background loop takes any number at a time.
+            return self._loop.run(self._client.call(request, timeout=timeout, priority=priority))
+        try:
+            return self._call_directly(request, timeout, priority)
+        finally:
+            self._direct_lock.release()
+
+    def _call_directly(
+        self, request: RequestT, timeout: Timeout | str, priority: int | None
+    ) -> ResponseT:
+        client = self._client
+        client.check_open()
+        payload, level, limit = (
+            client.serialised(request),
+            client.level(priority),
+            client.limit_s(timeout),
+        )
+        begun = time.monotonic()
+        link = self._direct
+        if link is None or not link.is_up or self._is_closed:
+            link = self._direct = self._dialled(limit)
+            if limit is not None:
+                limit = max(limit - (time.monotonic() - begun), 0.001)
+        try:
+            response: ResponseT = link.call(payload, client.type.response.FromString, limit, level)
+        except ServiceTimeout:
+            client.rtt.timed_out()
+            raise
+        client.rtt.measured(time.monotonic() - begun)
+        return response
+
+    def _dialled(self, limit: float | None) -> DirectLink:
+        try:
+            info = self._loop.run(self._client.provider(), limit)
+        except TimeoutError as error:
+            if isinstance(error, ServiceTimeout):
+                raise
+            raise ServiceTimeout(self.name, "its provider could not be found in time") from None
+        node = canonical(info.node_info.node_name)
+        return DirectLink(node, self.name, self._addresses_of(info.node_info))
 
     def call_async(
         self,
@@ -208,6 +257,9 @@ class ServiceClient(Generic[RequestT, ResponseT]):
 
     def close(self) -> None:
         """Call no more."""
+        self._is_closed = True
+        if self._direct is not None:
+            self._direct.close()
         self._loop.run(self._client.close())
 
     def __enter__(self) -> Self:

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from simple_ros.cli.plugins import Demos
+from simple_ros.cli.text import say
 
 __all__ = ["app"]
 
@@ -39,12 +40,31 @@ def _quadrotor(
         ),
     ] = None,
     plain: Annotated[bool, typer.Option("--plain", help="One line a second, no screen.")] = False,
+    foxglove_port: Annotated[
+        int,
+        typer.Option(
+            min=0, max=65535, help="Port of the Foxglove bridge; the next free one if it is taken."
+        ),
+    ] = 8765,
+    no_foxglove: Annotated[
+        bool, typer.Option("--no-foxglove", help="Start no Foxglove bridge.")
+    ] = False,
+    layout: Annotated[
+        bool, typer.Option("--layout", help="Print a layout for Foxglove (JSON) and end.")
+    ] = False,
 ) -> None:
     """Fly a simulated quadrotor: a Master, two nodes and a view of them. Or run another demo by name.
+
+    It can be seen in Foxglove and Lichtblick, too: open the link, import what --layout prints.
 
     Ctrl-C ends everything, with code 0. Code 1: a process ended by itself or messages do not flow.
     """
     if ctx.invoked_subcommand is not None:
+        return
+    if layout:
+        from simple_ros.foxglove.layouts import layout_text
+
+        say(layout_text("quadrotor"))
         return
     from simple_ros import aio
     from simple_ros.demos.displays import suitable_display
@@ -52,7 +72,8 @@ def _quadrotor(
 
     async def fly() -> None:
         display = suitable_display(plain=plain)
-        demo = QuadDemo(display, _own_name(), duration)
+        bridge_port = None if no_foxglove else foxglove_port
+        demo = QuadDemo(display, _own_name(), duration, bridge_port)
         try:
             with display:
                 await demo.run(master_port)

@@ -1,15 +1,17 @@
 """What ``simple-ros demo`` does: starts the Master and the quadrotor's nodes, and watches them.
 
-The Master and each node are processes of their own, as on a robot. This process adds a node too,
+The Master, each node and the Foxglove bridge are processes of their own, as on a robot. This process adds a node too,
 ``demo_view``, which learns all it shows from the topics and from the Master.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import importlib.util
 import math
 import os
+import socket
 import sys
 from collections.abc import Coroutine
 from typing import Any, Protocol
@@ -26,6 +28,8 @@ __all__ = ["DemoFailed", "Display", "QuadDemo"]
 
 _MASTER_MODULE = "simple_ros_master"
 _NODES = ("quad_simulator", "quad_visualizer")
+_BRIDGE = ("simple_ros.cli.main", "foxglove")
+_BRIDGE_PORTS = 20
 _TOPICS = {
     "quad_odometry": "geometry_msgs.Odometry",
     "quad_marker_array": "visualization_msgs.MarkerArray",
@@ -59,12 +63,23 @@ class QuadDemo:
         display: Where to show it.
         command: How ``simple-ros`` is called here.
         duration_s: How long to fly, counted from when messages flow on all topics; None for ever.
+        foxglove_port: Where apps find the flight, or one of the next ports if it is taken; 0 for
+            any free one, None for no bridge.
     """
 
-    def __init__(self, display: Display, command: str, duration_s: float | None) -> None:
+    def __init__(
+        self,
+        display: Display,
+        command: str,
+        duration_s: float | None,
+        foxglove_port: int | None = None,
+    ) -> None:
         self._display = display
         self._command = command
         self._duration_s = math.inf if duration_s is None else duration_s
+        self._foxglove_port = foxglove_port
+        self._foxglove = self._app_link = ""
+        self._bridge: DemoProcess | None = None
         self._clock = asyncio.get_running_loop().time
         self._started = self._clock()
         self._flying_since: float | None = None
@@ -90,6 +105,8 @@ class QuadDemo:
             await self._start_master(master_port)
             for name in _NODES:
                 await self._start(name, f"simple_ros.demos.{name}", "--master", self._master)
+            if self._foxglove_port is not None:
+                await self._start_bridge(self._foxglove_port)
             await _unless_ended(self._processes.first_end(), self._watch())
 
     @property
@@ -122,6 +139,25 @@ class QuadDemo:
         line = await child.line_with("listening on ")
         return line.rpartition(" ")[2]
 
+    async def _start_bridge(self, port: int) -> None:
+        module, *arguments = _BRIDGE
+        options = ("--master", self._master, "--port", str(_free_port(port)))
+        self._bridge = await self._start("foxglove", module, *arguments, *options)
+
+    async def _learn_link(self) -> None:
+        """Wait until the bridge says where apps find it; that it ended instead is told elsewhere."""
+        if self._bridge is None:
+            return
+        with contextlib.suppress(ProcessEnded):
+            line = await self._bridge.line_with("listening at ")
+            link = await self._bridge.line_with("open ")
+            self._foxglove = line.removeprefix("listening at ")
+            self._app_link = link.removeprefix("open ")
+            self._display.say(
+                f"in Foxglove: open {self._app_link}; arrange the panels by importing the "
+                f"layout that {self._command} demo --layout prints"
+            )
+
     async def _start(self, name: str, module: str, *arguments: str) -> DemoProcess:
         return await self._processes.start(name, [sys.executable, "-m", module, *arguments])
 
@@ -130,7 +166,7 @@ class QuadDemo:
     async def _watch(self) -> None:
         async with NodeHandle("demo_view", master=self._master) as node:
             await self._topics.subscribe(node)
-            watching = asyncio.create_task(self._topics.watch_graph(node.client))
+            watching = asyncio.gather(self._topics.watch_graph(node.client), self._learn_link())
             try:
                 while not self._is_over():
                     await self._pause()
@@ -182,6 +218,8 @@ class QuadDemo:
             None if odometry is None else Odometry.FromString(odometry),
             () if path is None else tuple(Marker.FromString(path).points),
             self._measured_processes(),
+            self._foxglove,
+            self._app_link,
         )
 
     def _measured_processes(self) -> tuple[ProcessRow, ...]:
@@ -195,6 +233,14 @@ class QuadDemo:
             rows.append(ProcessRow("demo_view", os.getpid(), "running", self._own_meter.usage()))
             self._process_rows = tuple(rows)
         return self._process_rows
+
+
+def _free_port(first: int) -> int:
+    """That port or one of the next that nobody listens on; 0, any, if all are taken."""
+    for port in range(first, min(first + _BRIDGE_PORTS, 65536)) if first else ():
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port
+    return 0
 
 
 async def _unless_ended(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from rich.console import Group, RenderableType
 from rich.layout import Layout
 from rich.panel import Panel
+from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
@@ -47,6 +48,8 @@ class DemoState:
         notice: Something the user should know, or empty.
         odometry: The newest message of ``quad_odometry``.
         way: The points of the newest message of ``quad_path_short``, oldest first.
+        foxglove: Where apps connect to, or empty.
+        app_link: What opens an app that does, or empty.
     """
 
     master: str
@@ -57,6 +60,8 @@ class DemoState:
     odometry: Odometry | None
     way: tuple[Point, ...]
     processes: tuple[ProcessRow, ...]
+    foxglove: str = ""
+    app_link: str = ""
 
 
 def plain_line(state: DemoState) -> str:
@@ -137,7 +142,16 @@ def _topics(state: DemoState, *, wide: bool) -> RenderableType:
         bandwidth = f"{topic.bytes_per_s / 1000:.1f} kB/s" if topic.messages else "-"
         publishers = ", ".join(topic.publishers) or "nobody yet"
         table.add_row(*cells, rate, f"{topic.messages:,}", bandwidth, f"  {publishers}")
-    return Panel(table, title="topics", title_align="left", border_style="blue")
+    where = Text(f"in Foxglove: {state.foxglove}, layout: {state.command} demo --layout")
+    where.stylize(Style(link=state.app_link or None))
+    return Panel(
+        table,
+        title="topics",
+        title_align="left",
+        subtitle=where if state.foxglove else None,
+        subtitle_align="right",
+        border_style="blue",
+    )
 
 
 def _quadrotor(state: DemoState) -> RenderableType:

@@ -20,7 +20,7 @@ from simple_ros.net.stream import StreamTransport, connected
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["UnixListener", "connected_unix", "dial_unix", "host_id", "is_available"]
+__all__ = ["UnixListener", "connected_unix", "dial_unix", "host_id", "is_available", "unix_path"]
 
 logger = logging.getLogger(__name__)
 
@@ -104,16 +104,25 @@ class UnixListener:
             await asyncio.wait(self._accepting)
 
 
+def unix_path(address: str) -> str:
+    """What to connect a socket to.
+
+    Raises:
+        OSError: The address is another host's.
+    """
+    host, _, name = address.partition("://")[2].partition("/")
+    if not is_available() or host != host_id():
+        raise ConnectionRefusedError(f"{address} is on another host")
+    return _path(name)
+
+
 async def connected_unix(address: str) -> socket.socket:
     """A socket that is connected to a name of this host.
 
     Raises:
         OSError: It is another host's, or nobody listens.
     """
-    host, _, name = address.partition("://")[2].partition("/")
-    if not is_available() or host != host_id():
-        raise ConnectionRefusedError(f"{address} is on another host")
-    sock = await connected(socket.AF_UNIX, _path(name))
+    sock = await connected(socket.AF_UNIX, unix_path(address))
     larger_buffers(sock)
     return sock
 

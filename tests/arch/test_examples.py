@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from support.processes import python
 
+from simple_ros.msg.visualization_msgs import MarkerArray
+from simple_ros.node import NodeHandle
 from simple_ros_master import Master
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -47,6 +49,11 @@ ALONE = {
         *("so far: [0, 1, 1]", "so far: [0, 1, 1, 2]", "so far: [0, 1, 1, 2, 3]"),
         "result: [0, 1, 1, 2, 3]",
     ],
+    "foxglove_convert.py": [
+        "/scan/scan carries foxglove.LaserScan",
+        "from -0.5 to 0.5 rad in frame laser",
+        "ranges [1.0, 2.0, nan]",
+    ],
     "back_pressure.py": ["received 200, dropped 0"],
     "blocking_service.py": ["the lamp is on"],
     "qos_events.py": ["event: IncompatibleQos(topic='range', publisher='rangefinder'"],
@@ -68,6 +75,7 @@ TOGETHER = {
 }
 TOGETHER |= {"tf_broadcaster.py", "tf_listener.py"}
 TOGETHER |= {"action_server.py", "action_client.py"}
+TOGETHER |= {"foxglove_markers.py"}  # beside any viewer
 
 
 def test_no_example_is_left_out() -> None:
@@ -160,3 +168,19 @@ async def test_service_and_client(master: Master) -> None:
         assert await client.wait() == 0
         server.signal(signal.SIGINT)
         assert await server.wait() == 0
+
+
+async def test_shapes(master: Master) -> None:
+    where = {"SIMPLE_ROS_MASTER": master.address}
+    async with (
+        python(str(EXAMPLES / "foxglove_markers.py"), **where) as process,
+        NodeHandle("viewer", master=master.address) as node,
+    ):
+        assert "the 3D panel shows them as /shapes/scene" in await process.line()
+        shapes = await node.subscribe("shapes", MarkerArray)
+        hand, label, _ = (await shapes.receive()).markers
+        assert len(hand.points) == 2
+        assert label.text.endswith(" degrees")
+        process.signal(signal.SIGINT)
+        assert await process.wait() == 0
+        assert await process.errors() == ""

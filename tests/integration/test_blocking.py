@@ -32,6 +32,7 @@ from simple_ros.errors import (
     NodeNameTaken,
     QueueFull,
     RemoteServiceError,
+    ServiceTimeout,
     ServiceUnavailable,
     TopicTypeMismatch,
 )
@@ -108,7 +109,7 @@ def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
             "receive_within",
         ),
         *("dropped_messages", "provide", "forget_service", "providers", "lanes", "resolve_name"),
-        *("give_up", "info", "take"),
+        *("give_up", "info", "take", "provider", "limit_s", "level", "serialised"),
         *("open", "finish", "end", "send_feedback", "listen", "fetch", "cancel_goal", "goal_ended"),
         *("heard", "sent", "accepted", "feedback_came", "take_feedback_by"),
         # Of advertise_action: a thread cannot be interrupted.
@@ -548,3 +549,64 @@ def test_a_call_that_would_wait_for_itself_is_told(system: SystemManager) -> Non
     node.create_timer(0.01, on_timer, oneshot=True)
     spin_until(system, lambda: problems)
     assert "the only thread that could answer is the one that asks" in problems[0]
+
+
+def test_direct_calls_time_out_lose_their_provider_and_find_the_next(
+    system: SystemManager, address: str
+) -> None:
+    text = """
+        import asyncio
+        from simple_ros import aio
+        from simple_ros.msg.example_interfaces import AddTwoInts, AddTwoIntsResponse
+
+        async def add(request):
+            if request.a < 0:
+                await asyncio.Event().wait()
+            return AddTwoIntsResponse(sum=request.a + request.b)
+
+        async def main():
+            async with aio.NodeHandle("server") as node:
+                await node.advertise_service("add", AddTwoInts, add)
+                print("ready", flush=True)
+                await node.spin()
+        aio.run(main())
+    """
+    caller = NodeHandle().service_client("add", AddTwoInts)
+    loop = BackgroundLoop()
+
+    def served() -> object:
+        manager = program(text, master=address)
+        process = loop.run(manager.__aenter__())
+        assert loop.run(process.line(), 30) == "ready"
+        return manager, process
+
+    manager, process = served()
+    assert caller.call(AddTwoIntsRequest(a=1, b=2)).sum == 3
+    with pytest.raises(ServiceTimeout):
+        caller.call(AddTwoIntsRequest(a=-1), timeout=0.05)
+    assert [caller.call(AddTwoIntsRequest(a=i), timeout=5).sum for i in range(20)] == list(
+        range(20)
+    )
+    killer = threading.Timer(0.2, process.signal, (signal.SIGKILL,))
+    killer.start()
+    with pytest.raises(ServiceUnavailable, match="is gone"):
+        caller.call(AddTwoIntsRequest(a=-1))
+    killer.join()
+    loop.run(manager.__aexit__(None, None, None))
+    manager, process = served()
+    caller.wait_for_service(10)
+    threads = [
+        threading.Thread(target=lambda: sums.append(caller.call(AddTwoIntsRequest(a=1, b=1)).sum))
+        for _ in range(8)
+    ]
+    sums: list[int] = []
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(10)
+    assert sums == [2] * 8
+    caller.close()
+    with pytest.raises(HandleClosed):
+        caller.call(AddTwoIntsRequest())
+    loop.run(manager.__aexit__(None, None, None))
+    loop.stop()

@@ -22,7 +22,7 @@ from support.waiting import until
 
 from simple_ros.demos.processes import ProcessEnded, Processes
 
-PROGRAM = ("-m", "simple_ros.cli.main", "demo")
+PROGRAM = ("-m", "simple_ros.cli.main", "demo", "--no-foxglove")
 RATE = re.compile(r"(quad_\w+) ([\d.]+) Hz")
 TOPICS = {"quad_odometry", "quad_marker_array", "quad_path_short", "quad_path_incremental"}
 
