@@ -86,7 +86,8 @@ async def ask_to_end(node: ros.NodeInfo, timeout_s: float) -> str:
     from simple_ros.net.addresses import split_address
 
     frame = shutdown_frame(node, f"{socket.gethostname()}, process {os.getpid()}")
-    addresses = [address_text(node), *node.addresses]
+    by_tcp = [address for address in node.addresses if "://" not in address]
+    addresses = [address_text(node), *by_tcp]
     reasons = []
     for address in addresses:
         try:

@@ -64,7 +64,9 @@ def written_info(found: ros.GetNodeInfoResponse, style: Style) -> str:
 
 
 def _readable_info(found: ros.GetNodeInfoResponse) -> str:
-    further = f" (also {', '.join(found.node_info.addresses)})" if found.node_info.addresses else ""
+    # That it can be reached by a Unix socket on its own host is nothing to look at.
+    others = [item for item in found.node_info.addresses if not item.startswith("unix://")]
+    further = f" (also {', '.join(others)})" if others else ""
     lines = [
         f"Node: {found.node_info.node_name}",
         f"Address: {address_text(found.node_info)}{further}",
