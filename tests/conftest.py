@@ -4,8 +4,13 @@ import os
 from collections.abc import AsyncIterator, Generator
 
 import pytest
+from hypothesis import settings
 
 from simple_ros_master import Master
+
+# The same cases every time, however busy the machine: a failure is a failure of the code.
+settings.register_profile("deterministic", derandomize=True, deadline=None, database=None)
+settings.load_profile("deterministic")
 
 
 @pytest.fixture
