@@ -2,7 +2,8 @@
 
 ``python peers.py KIND ROLE ...`` with KIND one of
 
-* ``ours``: simple_ros nodes over a Master at ``--master``;
+* ``ours``: simple_ros nodes over a Master at ``--master``, by TCP as everybody else;
+* ``unix``: the same by Unix sockets, as nodes of one host talk unless told otherwise;
 * ``blocking``: the same through the blocking face, callbacks in the thread that spins;
 * ``bare``: the plainest asyncio program that does the same work, an `asyncio.Protocol` on each side,
   4-byte length prefix, one ``transport.write`` per message, the same protobuf parse and callback;
@@ -25,6 +26,7 @@ from typing import Any
 from simple_ros.msg.geometry_msgs import Twist
 
 STAMP = struct.Struct("d")
+TRANSPORTS = {"ours": ("tcp",), "blocking": ("tcp",), "unix": ("unix",)}
 
 
 def message(stamp: float = 0.0) -> Twist:
@@ -202,7 +204,9 @@ async def pace(args: argparse.Namespace, put: Any) -> None:
 async def our_receive(args: argparse.Namespace, sink: Sink) -> None:
     from simple_ros.aio import NodeHandle
 
-    async with NodeHandle(f"sink{args.index}", master=args.master) as node:
+    async with NodeHandle(
+        f"sink{args.index}", master=args.master, transports=TRANSPORTS[args.kind]
+    ) as node:
         await node.subscribe("bench", Twist, sink.callback)
         print(json.dumps({"ready": node.port}), flush=True)
         await sink.done.wait()
@@ -212,7 +216,7 @@ async def our_send(args: argparse.Namespace) -> None:
     from simple_ros.aio import NodeHandle
     from simple_ros.qos import DEFAULT
 
-    async with NodeHandle("source", master=args.master) as node:
+    async with NodeHandle("source", master=args.master, transports=TRANSPORTS[args.kind]) as node:
         qos = DEFAULT.replace(overflow="block", depth=1000)
         publisher = await node.advertise("bench", Twist, qos=qos)
         await publisher.wait_for_subscribers(args.subscribers, timeout=10)
@@ -233,7 +237,7 @@ def blocking_receive(args: argparse.Namespace, sink: Sink) -> None:
     from simple_ros.qos import DEFAULT
 
     system = SystemManager.instance()
-    system.init(f"sink{args.index}", master=args.master)
+    system.init(f"sink{args.index}", master=args.master, transports=TRANSPORTS[args.kind])
     NodeHandle().subscribe(
         "bench", Twist, sink.callback, qos=DEFAULT.replace(overflow="block", depth=10_000)
     )
@@ -248,7 +252,7 @@ def blocking_send(args: argparse.Namespace) -> None:
     from simple_ros.qos import DEFAULT
 
     system = SystemManager.instance()
-    system.init("source", master=args.master)
+    system.init("source", master=args.master, transports=TRANSPORTS[args.kind])
     qos = DEFAULT.replace(overflow="block", depth=1000)
     publisher = NodeHandle().advertise("bench", Twist, qos=qos)
     publisher.wait_for_subscribers(args.subscribers, timeout=10)
@@ -267,7 +271,7 @@ def blocking_send(args: argparse.Namespace) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("kind", choices=["ours", "blocking", "bare", "tuned"])
+    parser.add_argument("kind", choices=[*TRANSPORTS, "bare", "tuned"])
     parser.add_argument("role", choices=["send", "receive"])
     parser.add_argument("--count", type=int, default=100_000)
     parser.add_argument("--rate", type=float, default=0.0)
@@ -288,10 +292,12 @@ def main() -> None:
 
     async def run() -> None:
         if args.role == "send":
-            await (our_send(args) if args.kind == "ours" else bare_send(args))
+            await (our_send(args) if args.kind in ("ours", "unix") else bare_send(args))
             return
         sink = Sink(args.count, bool(args.rate))
-        await (our_receive(args, sink) if args.kind == "ours" else bare_receive(args, sink))
+        await (
+            our_receive(args, sink) if args.kind in ("ours", "unix") else bare_receive(args, sink)
+        )
         print(json.dumps(sink.report()), flush=True)
 
     asyncio.run(run())

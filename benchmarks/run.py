@@ -27,7 +27,7 @@ import services
 
 STOCK_CPP_PER_SECOND = 900
 """Stock C++ simple_ros: one message, then 1 ms of sleep, so never more, on any machine."""
-KINDS = ["ours", "bare", "tuned"]
+KINDS = ["ours", "unix", "bare", "tuned"]
 
 
 def small(runs: int) -> dict[str, Any]:
