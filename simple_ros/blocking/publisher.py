@@ -18,6 +18,7 @@ __all__ = ["Publisher"]
 MessageT = TypeVar("MessageT")
 
 _BACKLOG = 1024
+_CHUNK = 256
 
 
 class Publisher(Generic[MessageT]):
@@ -89,22 +90,33 @@ class Publisher(Generic[MessageT]):
             return
         # Cleared first: what is appended from here on schedules another turn.
         self._scheduled = False
-        backlog, publish = self._backlog, self._publisher.publish_bytes
         try:
-            while backlog:
-                publish(backlog.popleft())
+            while self._backlog:
+                chunk = self._chunk()
+                if not self._publisher.publish_batch(chunk):
+                    for payload in chunk:
+                        self._publisher.publish_bytes(payload)
         except (HandleClosed, RuntimeError):
-            backlog.clear()
+            self._backlog.clear()
         self._tell_room()
+
+    def _chunk(self) -> list[bytes]:
+        backlog = self._backlog
+        return [backlog.popleft() for _ in range(min(len(backlog), _CHUNK))]
 
     async def _hand_over_blocking(self) -> None:
         self._handed_over.clear()
         try:
             while self._backlog:
-                await self._publisher.publish_bytes_async(self._backlog[0])
-                self._backlog.popleft()
-                if len(self._backlog) == _BACKLOG // 2:
+                chunk = self._chunk()
+                if not self._publisher.publish_batch(chunk):
+                    # One waits for room, with the others still in the backlog.
+                    self._backlog.extendleft(reversed(chunk))
+                    await self._publisher.publish_bytes_async(self._backlog[0])
+                    self._backlog.popleft()
+                if len(self._backlog) <= _BACKLOG // 2:
                     self._tell_room()
+                    await asyncio.sleep(0)
         except (HandleClosed, RuntimeError):
             self._backlog.clear()
         self._scheduled = False

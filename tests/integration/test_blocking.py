@@ -99,7 +99,15 @@ def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
             "subscribers_known",
         ),
         *("failed", "wait_ended", "subscribe_batches", "targets", "targets_update", "reregistered"),
-        *("report", "abandon", "check_open", "check_type", "publish_async", "publish_bytes_async"),
+        *(
+            "report",
+            "abandon",
+            "check_open",
+            "check_type",
+            "publish_async",
+            "publish_bytes_async",
+            "publish_batch",
+        ),
         *(
             "take_batch",
             "take_payloads",
