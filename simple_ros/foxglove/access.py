@@ -1,0 +1,134 @@
+"""Who may connect, and what is shown to them. Pure."""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from typing import Protocol
+from urllib.parse import parse_qs, urlsplit
+
+from simple_ros.bag.plan import TopicSelection
+from simple_ros.foxglove.frames import SUBPROTOCOLS
+
+__all__ = ["APP_ORIGINS", "Access", "Headers", "Refusal"]
+
+APP_ORIGINS = frozenset(
+    {
+        "https://app.foxglove.dev",
+        "https://studio.foxglove.dev",
+        "file://",  # the desktop apps; no web page has this origin
+    }
+)
+_LOCAL_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
+
+
+class Headers(Protocol):
+    """HTTP headers, as WebSocket libraries give them."""
+
+    def get_all(self, key: str) -> list[str]:
+        """All values of a header, whatever the case of its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a connection is not accepted."""
+
+    status: HTTPStatus
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """What is allowed.
+
+    Attributes:
+        selection: The topics that clients see and may publish.
+        read_only: Whether clients may neither publish nor call services nor set parameters.
+        token: What clients must know; None for nothing.
+        origins: Web pages that may connect beside those of this host and `APP_ORIGINS`, as
+            ``https://host:port``; ``*`` allows all.
+    """
+
+    selection: TopicSelection = field(default_factory=lambda: TopicSelection(every=True))
+    read_only: bool = False
+    token: str | None = None
+    origins: tuple[str, ...] = ()
+
+    @classmethod
+    def made(
+        cls,
+        topics: str | None = None,
+        exclude: str | None = None,
+        *,
+        read_only: bool = False,
+        token: str | None = None,
+        origins: Sequence[str] = (),
+    ) -> Access:
+        """Rules as a user writes them.
+
+        Args:
+            topics: Regular expression of the topics that are shown; None for all.
+            exclude: Regular expression of topics that are not.
+            read_only: As above.
+            token: As above; empty is None.
+            origins: As above.
+
+        Raises:
+            ConfigError: A pattern is no regular expression.
+        """
+        selection = TopicSelection.made(every=topics is None, pattern=topics, exclude=exclude)
+        plain = tuple(origin.rstrip("/").lower() for origin in origins)
+        return cls(selection, read_only, token or None, plain)
+
+    def wants(self, topic: str) -> bool:
+        """Whether a topic is shown and may be published."""
+        return self.selection.wants(topic)
+
+    def refusal(self, path: str, headers: Headers) -> Refusal | None:
+        """Why a request to connect is refused; None if it is not."""
+        for origin in headers.get_all("Origin"):
+            if not self._is_allowed(origin):
+                reason = f"pages of {origin} may not connect; --allow-origin {origin} allows it"
+                return Refusal(HTTPStatus.FORBIDDEN, reason)
+        if self.token is not None and not self._knows_token(path, headers, self.token):
+            reason = "a token is needed: 'Authorization: Bearer TOKEN', or ?token=TOKEN in the URL"
+            return Refusal(HTTPStatus.UNAUTHORIZED, reason)
+        if chosen_subprotocol(headers) is None:
+            spoken = " and ".join(SUBPROTOCOLS)
+            return Refusal(
+                HTTPStatus.BAD_REQUEST,
+                f"the header Sec-WebSocket-Protocol names no subprotocol of this server: {spoken}",
+            )
+        return None
+
+    def _is_allowed(self, origin: str) -> bool:
+        plain = origin.rstrip("/").lower() if origin != "file://" else origin
+        if plain in APP_ORIGINS or plain in self.origins or "*" in self.origins:
+            return True
+        try:
+            return urlsplit(plain).hostname in _LOCAL_HOSTS
+        except ValueError:
+            return False
+
+    @staticmethod
+    def _knows_token(path: str, headers: Headers, token: str) -> bool:
+        given = [
+            value.partition(" ")[2].strip()
+            for value in headers.get_all("Authorization")
+            if value.lower().startswith("bearer ")
+        ]
+        given += parse_qs(urlsplit(path).query).get("token", [])
+        wanted = token.encode("utf-8", "replace")
+        return any(hmac.compare_digest(text.encode("utf-8", "replace"), wanted) for text in given)
+
+
+def chosen_subprotocol(headers: Headers) -> str | None:
+    """The first of `SUBPROTOCOLS` that a client offers; None if it offers none of them."""
+    offered = {
+        part.strip()
+        for value in headers.get_all("Sec-WebSocket-Protocol")
+        for part in value.split(",")
+    }
+    return next((name for name in SUBPROTOCOLS if name in offered), None)
