@@ -50,7 +50,7 @@ class ActionMethods:
         """Execute the goals of an action; returns when the Master knows it (and waits for a Master).
 
         Args:
-            name: Its name; a leading slash means nothing.
+            name: Its name; relative to the node's namespace unless it begins with a slash.
             action: Its type: as exported by the message packages (``example_interfaces.Fibonacci``), three
                 message classes, or a name.
             execute: Called with each goal, a `ServerGoal`; returns the result, or ends the goal by its

@@ -51,7 +51,7 @@ class ServiceMethods:
         """Provide a service; returns when the Master knows it (and waits for a Master).
 
         Args:
-            name: Its name; a leading slash means nothing.
+            name: Its name; relative to the node's namespace unless it begins with a slash.
             service: Its type: as exported by the message packages (``std_srvs.SetBool``), two message
                 classes, or a name.
             handler: Called with each request, returns the response. A plain one runs on the event loop, one
