@@ -1,0 +1,1 @@
+"""The Cross Domain Engine: what radio links mean for a robot."""

@@ -1,0 +1,1 @@
+"""The Physical Adaptive Engine: how to send on a link."""

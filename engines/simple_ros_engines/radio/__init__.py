@@ -1,0 +1,1 @@
+"""What the standards say about a radio link: tables, sizes and a model of block errors. Pure."""

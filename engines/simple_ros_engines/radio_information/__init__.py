@@ -1,0 +1,1 @@
+"""The Radio Information Engine: what is known about each radio link."""

@@ -1,0 +1,1 @@
+"""A radio that is none: every record it makes is marked simulated."""
