@@ -27,6 +27,7 @@ from simple_ros.actions.client_goal import ClientGoal, GoalOutcome
 from simple_ros.actions.goal import ServerGoal
 from simple_ros.actions.server import ActionServer
 from simple_ros.actions.states import GoalState
+from simple_ros.arguments import BadArgument
 from simple_ros.errors import NodeNameTaken
 from simple_ros.net.master_client import MasterClient
 from simple_ros.node import NodeHandle
@@ -71,14 +72,15 @@ def run(main: Coroutine[Any, Any, Result]) -> Result | None:
     main thread; elsewhere this only runs ``main``.)
 
     Raises:
-        SystemExit: A newer node took this one's name and ``main`` let that pass: the program ends with
-            one line that says so, and exit code 1.
+        SystemExit: A newer node took this one's name, or a word of the command line makes no sense
+            (`BadArgument`), and ``main`` let that pass: the program ends with its text on stderr, and
+            exit code 1.
     """
     try:
         with asyncio.Runner() as runner:
             return runner.run(_until_signal(main))
-    except NodeNameTaken as taken:
-        raise SystemExit(str(taken)) from None
+    except (NodeNameTaken, BadArgument) as error:
+        raise SystemExit(str(error)) from None
 
 
 async def _until_signal(main: Coroutine[Any, Any, Result]) -> Result | None:

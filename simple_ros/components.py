@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from simple_ros.arguments import BadArgument, parse_arguments
 from simple_ros.engine import Engine
 from simple_ros.errors import ConfigError, HandleClosed, NodeNameTaken, SimpleRosError
 from simple_ros.net.transport import InProcess, TransportChoice
@@ -155,14 +156,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         default=",".join(DEFAULT_TRANSPORTS),
         help="how messages travel (default: %(default)s)",
     )
-    words = [word for word in (sys.argv[1:] if argv is None else argv) if ":=" not in word]
-    options = parser.parse_args(words)
+    words = sys.argv[1:] if argv is None else argv
+    options = parser.parse_args([word for word in words if ":=" not in word])
     sys.path.insert(0, str(Path.cwd()))
     try:
+        parse_arguments([word for word in words if ":=" in word])  # told once, not by each node
         found = [component(spec) for spec in options.components]
         transports = tuple(name.strip() for name in options.transports.split(",") if name.strip())
         failed = aio.run(run_components(found, master=options.master, transports=transports))
-    except ConfigError as error:
+    except (BadArgument, ConfigError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return 1 if failed else 0

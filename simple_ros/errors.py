@@ -66,6 +66,10 @@ __all__ = [
 ]
 
 
+_EXCERPT = 60
+"""So many characters of a bad name are printed on each side of the mistake."""
+
+
 class SimpleRosError(Exception):
     """Root of the project's errors."""
 
@@ -84,7 +88,16 @@ class InvalidName(SimpleRosError, ValueError):
         self.name = name
         self.position = position
         self.reason = reason
-        super().__init__(f"{kind} name {reason}:\n  {name!r}\n  {' ' * (position + 1)}^")
+        shown, column = _excerpt(name, position)
+        super().__init__(f"{kind} name {reason}:\n  {shown}\n  {' ' * column}^")
+
+
+def _excerpt(name: str, position: int) -> tuple[str, int]:
+    """A name as it is printed, of a long one the part about a position, and that position in it."""
+    start = max(0, position - _EXCERPT)
+    part = name[start : position + _EXCERPT]
+    before, after = "..." * (start > 0), "..." * (position + _EXCERPT < len(name))
+    return f"{before}{part!r}{after}", len(before) + 1 + position - start
 
 
 class UnknownMessageType(SimpleRosError, LookupError):

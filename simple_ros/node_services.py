@@ -139,7 +139,7 @@ class ServiceMethods:
         Raises:
             InvalidName: The name breaks the rules.
             UnknownMessageType: A type given by name is not known.
-            ConfigError: The priority is out of range.
+            ConfigError: The priority or the timeout is out of range.
         """
         node = self._as_node
         node._live_registrar()

@@ -58,7 +58,7 @@ class ServiceClient(Generic[RequestT, ResponseT]):
         self.type = kind
         self.rtt = RttEstimator()
         self._node = node
-        self._timeout = timeout
+        self._timeout = checked_timeout(timeout)
         self._priority = checked_priority(priority)
         self._link: ProviderLink | LocalProvider | None = None
         self._closed = False
@@ -219,6 +219,17 @@ def checked_priority(priority: int) -> int:
     if not 0 <= priority <= 255:
         raise ConfigError(f"a priority is between 0 and 255, not {priority}")
     return priority
+
+
+def checked_timeout(timeout: Timeout) -> Timeout:
+    """A client's timeout as it is.
+
+    Raises:
+        ConfigError: It is negative, or no number.
+    """
+    if timeout is not None and not isinstance(timeout, AdaptiveTimeout) and not timeout >= 0:
+        raise ConfigError(f"a timeout is 0 s or more, or None, not {timeout}")
+    return timeout
 
 
 class LocalProvider:

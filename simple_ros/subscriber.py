@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 from google.protobuf.message import DecodeError
 
 from simple_ros.callbacks import CALLBACK_ERRORS, CallbackGuard, is_async, is_being_cancelled
-from simple_ros.errors import HandleClosed
+from simple_ros.errors import HandleClosed, NodeNameTaken
 from simple_ros.events import DeadlineMissed, LivelinessChanged, QosEvent, QosEventCallback
 from simple_ros.qos import Liveliness, QosProfile
 from simple_ros.watch import Watchdog
@@ -192,10 +192,11 @@ class Subscriber(Generic[MessageT]):
 
         Raises:
             HandleClosed: The subscription is closed.
+            NodeNameTaken: A newer node runs under this node's name.
         """
         while True:
             if self._closed:
-                raise HandleClosed(f"subscription to {self.topic!r}")
+                raise self._node.failure or HandleClosed(f"subscription to {self.topic!r}")
             if self._queue:
                 message = self._queue.pop(self._loop.time())
                 if self._waiting:
@@ -259,7 +260,7 @@ class Subscriber(Generic[MessageT]):
         try:
             while True:
                 yield await self.receive()
-        except HandleClosed:
+        except (HandleClosed, NodeNameTaken):
             return
 
     # -- what is expected of the publishers ----------------------------------------------------

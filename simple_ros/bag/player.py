@@ -219,7 +219,9 @@ class Player:
         qos = profile_in(topic.metadata)
         try:
             return await self._node.advertise(
-                f"/{canonical(name)}", topic.message_class, qos=qos.replace(depth=max(qos.depth, _LEAST_DEPTH))
+                f"/{canonical(name)}",
+                topic.message_class,
+                qos=qos.replace(depth=max(qos.depth, _LEAST_DEPTH)),
             )
         except (
             UnknownMessageType,

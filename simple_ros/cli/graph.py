@@ -35,7 +35,7 @@ _BY_SUFFIX = {
 
 
 class CannotWrite(SimpleRosError, OSError):
-    """The file of ``--output`` cannot be written; the message says why."""
+    """A file cannot be written; the message says why."""
 
 
 def command(

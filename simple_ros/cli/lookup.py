@@ -63,8 +63,9 @@ async def find_node(client: MasterClient, name: str) -> ros.GetNodeInfoResponse:
 
     Raises:
         UnknownName: The Master knows no such node.
+        InvalidName: Nor can it, by the rules for names.
     """
-    from simple_ros.names import canonical
+    from simple_ros.names import canonical, node_name
 
     wanted = canonical(name)
     details = await client.get_node_info(wanted)
@@ -76,6 +77,7 @@ async def find_node(client: MasterClient, name: str) -> ros.GetNodeInfoResponse:
             details = await client.get_node_info(spelling)
             if details is not None:
                 return details
+    node_name(name)
     raise UnknownName("node", name, names)
 
 
@@ -84,8 +86,9 @@ async def find_topic(client: MasterClient, topic: str) -> tuple[str, ros.GetTopi
 
     Raises:
         UnknownName: The Master knows no such topic.
+        InvalidName: Nor can it, by the rules for names.
     """
-    from simple_ros.names import canonical
+    from simple_ros.names import canonical, topic_name
     from simple_ros.net.master_client import TopicNotFound
 
     wanted = canonical(topic)
@@ -99,6 +102,7 @@ async def find_topic(client: MasterClient, topic: str) -> tuple[str, ros.GetTopi
                 return name, await client.get_topic_info(name)
             except TopicNotFound:
                 break  # it has gone meanwhile
+    topic_name(topic)
     raise UnknownName("topic", topic, names)
 
 

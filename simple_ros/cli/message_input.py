@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import datetime as dt
 import math
+import re
 from typing import TYPE_CHECKING, Any
 
 from simple_ros.cli.message_fields import (
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from google.protobuf.message import Message
 
 __all__ = ["BadMessageText", "message_of"]
+
+
+_PARSING = re.compile(r"\bFailed to parse (\w+) field: ")
 
 
 class BadMessageText(SimpleRosError, ValueError):
@@ -57,8 +61,8 @@ def message_of(message_class: type[Message], text: str) -> Message:
     try:
         return json_format.ParseDict(prepared, message_class())
     except json_format.ParseError as error:
-        reason = one_line(str(error)).rstrip(".")
-        raise BadMessageText(f"not a {descriptor.full_name}: {reason}") from None
+        reason = _PARSING.sub(r"field '\1': ", one_line(str(error)).rstrip("."))
+        raise BadMessageText(f"this is no {descriptor.full_name}: {reason}") from None
 
 
 def _prepared(descriptor: Descriptor, value: Any, where: str) -> Any:

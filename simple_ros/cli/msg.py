@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from simple_ros.cli.completion import complete_types
 from simple_ros.errors import ConfigError, SimpleRosError, UnknownMessageType
 
 if TYPE_CHECKING:
@@ -47,7 +48,12 @@ def list_types(
 
 @app.command("show")
 def show(
-    type_name: Annotated[str, typer.Argument(help="geometry_msgs.Twist or geometry_msgs/Twist.")],
+    type_name: Annotated[
+        str,
+        typer.Argument(
+            help="geometry_msgs.Twist or geometry_msgs/Twist.", autocompletion=complete_types
+        ),
+    ],
     master: _MasterOption = None,
 ) -> None:
     """Show the fields of a message type and of what it consists of."""

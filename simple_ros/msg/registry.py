@@ -213,6 +213,9 @@ def _suggestions(name: str, known: Iterable[str]) -> list[str]:
     last = wanted.rpartition(".")[2].lower()
     same = [full for full in candidates if full.rpartition(".")[2].lower() == last]
     alike = get_close_matches(wanted, candidates, n=_MAX_SUGGESTIONS, cutoff=0.7)
+    if not same + alike and "." not in wanted:
+        named = {full.rpartition(".")[2].lower(): full for full in candidates}
+        alike = [named[part] for part in get_close_matches(last, named, cutoff=0.7)]
     return list(dict.fromkeys(same + alike))[:_MAX_SUGGESTIONS]
 
 

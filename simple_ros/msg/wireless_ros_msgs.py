@@ -86,5 +86,7 @@ EnhanceMap = ActionType(EnhanceMapGoal, EnhanceMapResult, EnhanceMapFeedback)
 GetLinkQuality = ServiceType(GetLinkQualityRequest, GetLinkQualityResponse)
 MonitorQuality = ActionType(MonitorQualityGoal, MonitorQualityResult, MonitorQualityFeedback)
 OptimizePath = ServiceType(OptimizePathRequest, OptimizePathResponse)
-OptimizeStrategy = ActionType(OptimizeStrategyGoal, OptimizeStrategyResult, OptimizeStrategyFeedback)
+OptimizeStrategy = ActionType(
+    OptimizeStrategyGoal, OptimizeStrategyResult, OptimizeStrategyFeedback
+)
 ReconfigureEngine = ServiceType(ReconfigureEngineRequest, ReconfigureEngineResponse)

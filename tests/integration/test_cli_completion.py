@@ -87,6 +87,9 @@ class TestTheShell:
             )
             assert fish == (0, "cmd_vel\n", "")
 
+    async def test_types(self) -> None:
+        assert await completed("simple-ros msg show std_msgs.Str") == ["std_msgs.String"]
+
     async def test_verbs(self) -> None:
         assert await completed("simple-ros node ") == ["list", "info", "ping", "kill"]
 

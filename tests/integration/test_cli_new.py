@@ -14,8 +14,9 @@ from support.pages import Page
 from support.processes import python
 from typer.testing import CliRunner
 
+from simple_ros.cli.graph import CannotWrite
 from simple_ros.cli.new import app
-from simple_ros.cli.new.writing import snake_case
+from simple_ros.cli.new.writing import snake_case, write_all
 from simple_ros.errors import ConfigError, UnknownMessageType
 from simple_ros_master import Master
 
@@ -191,6 +192,13 @@ def test_nothing_is_overwritten(here: Path) -> None:
     (here / "lab").mkdir()
     assert isinstance(refused("package", "lab"), FileExistsError)
     assert list((here / "lab").iterdir()) == []
+
+
+def test_what_cannot_be_written_is_told_and_leaves_nothing(here: Path) -> None:
+    (here / "taken").write_text("a file, no folder")
+    with pytest.raises(CannotWrite, match=r"cannot write 'taken/b\.py': "):
+        write_all({Path("a.py"): "a", Path("taken/b.py"): "b"})
+    assert [path.name for path in here.iterdir()] == ["taken"]
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import signal
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
-from support.cli import following, run, run_json
-from support.processes import master_process, program
+from support.cli import PROGRAM, following, run, run_json
+from support.processes import master_process, program, python
 from support.waiting import until
 
 from simple_ros.aio import NodeHandle
@@ -116,6 +117,21 @@ class TestLooking:
         )
         assert (code, stdout.split(), stderr) == (0, ["/arm/_action/go", "/arm/lights"], "")
 
+    async def test_a_bad_name_is_shown_with_a_caret(self, master: Master) -> None:
+        at = ("--master", master.address)
+        service, action, topic, there = await asyncio.gather(
+            run("service", "call", "a-b", *at),
+            run("action", "info", "a-b", *at),
+            run("topic", "info", "a-b", *at),
+            run("node", "info", "a-b", *at),
+        )
+        for kind, told in zip(
+            ("service", "action", "topic", "node"), (service, action, topic, there), strict=True
+        ):
+            assert (told[0], told[1]) == (1, "")
+            assert told[2].startswith(f"error: {kind} name must not contain '-'")
+            assert told[2].endswith("\n  'a-b'\n    ^\n")
+
     async def test_without_a_master(self) -> None:
         code, stdout, stderr = await run("service", "list", "--master", "127.0.0.1:1")
         assert (code, stdout) == (1, "")
@@ -178,8 +194,11 @@ class TestCall:
         told = ("no answer from node 'robot' in time", "the provider gave up: its time was over")
         assert code == 1
         assert stderr in [f"error: service 'never': {reason}\n" for reason in told]
-        async with following(*words):
+        async with python(*PROGRAM, *words) as process:
             await until(lambda: provided.statistics.running == 1)
+            process.signal(signal.SIGINT)
+            assert await process.wait() == 130
+            assert await process.errors() == ""
         await until(lambda: provided.statistics.running == 0, "the call to be taken back")
 
     async def test_a_type_never_seen_here(self, tmp_path: Path) -> None:

@@ -159,3 +159,9 @@ async def test_the_program_runs_components_with_names_and_remaps(
     async with python("-m", "simple_ros.components", "robot_nodes:none", **where) as process:
         assert await process.wait() == 2
         assert "cannot be loaded" in await process.errors()
+    bad = ("robot_nodes:talker", "ear=robot_nodes:listener", "__ns:=/r-2")
+    async with python("-m", "simple_ros.components", *bad, **where) as process:
+        assert await process.wait() == 2
+        errors = await process.errors()
+        assert errors.startswith("error: argument names a namespace that must not contain '-'")
+        assert errors.endswith("\n  '__ns:=/r-2'\n           ^\n")

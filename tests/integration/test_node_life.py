@@ -27,6 +27,19 @@ from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros_master import Master
 
+RECEIVER = """
+    from simple_ros import aio
+    from simple_ros.msg.example import SensorData
+
+    async def main():
+        async with aio.NodeHandle("receiver") as node:
+            subscription = await node.subscribe("sensor", SensorData)
+            print("ready")
+            await subscription.receive()
+
+    aio.run(main())
+"""
+
 TALKER = """
     import logging, sys
     from simple_ros import aio
@@ -248,6 +261,25 @@ async def test_a_program_that_loses_its_name_ends_with_one_line(master: Master) 
             errors = await talker.errors()
         assert "Traceback" not in errors
         assert errors.rstrip().endswith(f"taken over by a newer node at 127.0.0.1:{newer.port}")
+
+
+async def test_a_program_that_awaits_a_message_when_it_loses_its_name(master: Master) -> None:
+    async with program(RECEIVER, master=master.address) as receiver:
+        assert await receiver.line() == "ready"
+        async with NodeHandle("receiver", master=master.address) as newer:
+            await newer.wait_for_master(5)
+            assert await receiver.wait() == 1
+            errors = await receiver.errors()
+        assert "Traceback" not in errors
+        assert errors.rstrip().endswith(f"taken over by a newer node at 127.0.0.1:{newer.port}")
+
+
+async def test_a_senseless_word_on_the_command_line_is_no_traceback(master: Master) -> None:
+    async with program(RECEIVER, "__ns:=/r-2", master=master.address) as receiver:
+        assert await receiver.wait() == 1
+        errors = await receiver.errors()
+    assert errors.startswith("argument names a namespace that must not contain '-'")
+    assert errors.endswith("\n  '__ns:=/r-2'\n           ^\n")
 
 
 async def test_a_signal_ends_a_node_that_waits_for_a_master() -> None:

@@ -226,6 +226,8 @@ async def test_wrong_uses_are_told(master: Master) -> None:
             client.service_client("x", "std_srvs.Nothing")
         with pytest.raises(ValueError, match="between 0 and 255"):
             client.service_client("x", Trigger, priority=256)
+        with pytest.raises(ValueError, match="a timeout is 0 s or more, or None, not -1"):
+            client.service_client("x", Trigger, timeout=-1)
         closed = client.service_client("add", AddTwoInts)
         await closed.close()
         with pytest.raises(HandleClosed):

@@ -263,3 +263,11 @@ async def test_command_line_with_nothing_to_see(master: Master) -> None:
     assert tree[0] == 1
     assert tree[2] == "error: no transform came within 0.1 s on 'tf' and 'tf_static'\n"
     assert json.loads(found[1]) == {"roots": [], "frames": [], "problems": []}
+
+
+async def test_echo_tells_how_long_it_waited(master: Master) -> None:
+    code, _, errors = await outcome(master, "tf", "echo", "a", "b", "--timeout", "1.2")
+    assert code == 1
+    first, last = errors.splitlines()
+    assert first.startswith("waiting: frame 'a' does not exist")
+    assert last.startswith("error: not within 1.2 s: frame 'a' does not exist")

@@ -34,6 +34,7 @@ from simple_ros.bag.plan import LatchedHistory
 from simple_ros.bag.recovery import recover
 from simple_ros.bag.rewriting import Rewriting, rewrite
 from simple_ros.bag.series import DROPS, RECORDING, BagSeries
+from simple_ros.cli.bag.rewriting import filter_messages
 from simple_ros.errors import UnknownMessageType
 from simple_ros.msg.std_msgs import String
 
@@ -426,6 +427,15 @@ class TestRewriting:
         assert examine(joined).errors == []
         with Bag(joined) as bag:
             assert len(bag.topics) == 2
+
+    def test_a_part_with_nothing_in_it_is_told(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        path = make_bag(tmp_path / "a.mcap", NUMBERS)
+        filter_messages(path, tmp_path / "part.mcap", ["nothing"])
+        told = capsys.readouterr()
+        assert told.err.startswith(f"warning: {path} has no message of that time and those topics")
+        assert told.out == f"wrote {tmp_path / 'part.mcap'}: 0 messages\n"
 
     def test_facts_and_files_are_taken_over(self, tmp_path: Path) -> None:
         paths = []

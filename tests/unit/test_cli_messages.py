@@ -226,7 +226,7 @@ class TestMessageOf:
             ("{linear: {x: 1}", "the message is not YAML: expected ',' or '}'"),
             ("forward", "is written as {linear: ..., angular: ...}, not as 'forward'"),
             ("{linear: [1]}", "'linear' is a geometry_msgs.Vector3, not [1]"),
-            ("{linear: {x: fast}}", "not a geometry_msgs.Twist: "),
+            ("{linear: {x: fast}}", "this is no geometry_msgs.Twist: field 'linear': field 'x': "),
         ],
     )
     def test_what_does_not_fit_is_one_line(self, text: str, reason: str) -> None:

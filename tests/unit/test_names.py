@@ -58,6 +58,15 @@ def test_too_long_name() -> None:
         names.topic_name("a" * 1025)
 
 
+def test_of_a_long_name_only_the_part_about_the_mistake_is_shown() -> None:
+    with pytest.raises(InvalidName) as caught:
+        names.topic_name("a" * 5000 + "-" + "b" * 5000)
+    _, shown, caret = str(caught.value).splitlines()
+    assert len(shown) < 140
+    assert (shown[:6], shown[-4:]) == ("  ...'", "'...")
+    assert shown[caret.index("^")] == "-"
+
+
 def test_not_a_string() -> None:
     with pytest.raises(TypeError, match="bytes"):
         names.topic_name(b"a")  # type: ignore[arg-type]

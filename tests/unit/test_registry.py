@@ -167,6 +167,7 @@ class TestGetClass:
             ("geometry_msg.Twist", "geometry_msgs.Twist"),
             ("sensor_msgs.LaserScn", "sensor_msgs.LaserScan"),
             ("Pose", "ustc.Pose"),
+            ("Strin", "std_msgs.String"),
         ],
     )
     def test_unknown_name_suggests_near_ones(

@@ -56,12 +56,14 @@ async def find_action(client: MasterClient, name: str) -> srv.ServiceInfo:
 
     Raises:
         UnknownName: The Master knows no such action.
+        InvalidName: Nor can it, by the rules for names.
     """
-    from simple_ros.names import canonical
+    from simple_ros.names import canonical, resolve
 
     known = {name_of(service): service for service in await actions_of(client)}
     found = known.get(canonical(name))
     if found is None:
+        resolve(name, kind="action")
         raise UnknownName("action", name, known)
     return found
 

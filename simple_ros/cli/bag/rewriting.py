@@ -49,7 +49,11 @@ def filter_messages(
     everything = not topics and regex is None
     selection = TopicSelection.made(topics or (), every=everything, pattern=regex, exclude=exclude)
     how = Rewriting(selection.wants, start, end, compression.value)
-    _tell(target, rewrite([source], target, how))
+    count = rewrite([source], target, how)
+    if not count:
+        asked = "no message of that time and those topics"
+        print(f"warning: {source} has {asked}; see 'simple-ros bag list'", file=sys.stderr)
+    _tell(target, count)
 
 
 def convert(

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 
+from simple_ros.cli.graph import CannotWrite
 from simple_ros.errors import ConfigError, SimpleRosError
 
 __all__ = ["FileIsThere", "free", "module_name", "rendered", "snake_case", "write_all"]
@@ -48,13 +49,22 @@ def write_all(texts: Mapping[Path, str]) -> None:
 
     Raises:
         FileIsThere: One of them exists.
+        CannotWrite: The folder or the disk takes none.
     """
     for path in texts:
         free(path)
+    written: list[Path] = []
     for path, text in texts.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("x", encoding="utf-8") as file:
+                written.append(path)
+                file.write(text)
+        except OSError as error:
+            for half_done in written:
+                half_done.unlink(missing_ok=True)
+            reason = error.strerror or error
+            raise CannotWrite(f"cannot write {str(path)!r}: {reason}") from None
 
 
 def module_name(name: str, *, package: bool = False) -> str:

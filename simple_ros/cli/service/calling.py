@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 __all__ = ["call"]
 
+_INTERRUPTED = 130
+"""Exit code after Ctrl-C where not everything asked for was done, as shells have it."""
+
 
 def call(
     service: ServiceArgument,
@@ -59,7 +62,7 @@ def call(
 ) -> None:
     """Call a service and print what it answers; its type need not be known here.
 
-    Code 1: a call was not answered, or its handler failed.
+    Code 1: a call was not answered, or its handler failed; 130: ended before all of -n were made.
     """
     from simple_ros import aio
 
@@ -77,6 +80,8 @@ def call(
         say(f"# {ping_summary(calls.times_ms)}")
     if None in calls.times_ms:
         raise typer.Exit(1)
+    if turns is not None and len(calls.times_ms) < turns:
+        raise typer.Exit(_INTERRUPTED)
 
 
 async def _prepared(

@@ -64,9 +64,9 @@ async def find_service(client: MasterClient, name: str) -> srv.ServiceInfo:
         UnknownName: The Master knows no such service.
         InvalidName: The name breaks the rules.
     """
-    from simple_ros.names import topic_name
+    from simple_ros.names import resolve
 
-    wanted = topic_name(name)
+    wanted = resolve(name, kind="service")
     services = await get_services(client)
     for service in services:
         if service.name == wanted:

@@ -81,8 +81,12 @@ async def _first(buffer: Buffer, parent: str, child: str, timeout_s: float) -> T
             return await buffer.wait_for_transform(parent, child, timeout=_SAY_AFTER_S)
         except TransformTimeout as error:
             print(f"waiting: {error.reason}", file=sys.stderr)
-            timeout_s -= _SAY_AFTER_S
-    return await buffer.wait_for_transform(parent, child, timeout=timeout_s)
+    else:
+        return await buffer.wait_for_transform(parent, child, timeout=timeout_s)
+    try:
+        return await buffer.wait_for_transform(parent, child, timeout=timeout_s - _SAY_AFTER_S)
+    except TransformTimeout as error:
+        raise TransformTimeout(timeout_s, error.reason) from None
 
 
 def _latest(buffer: Buffer, parent: str, child: str, before: TransformStamped) -> TransformStamped:
