@@ -19,7 +19,6 @@ from simple_ros.foxglove.frames import PlaybackState, Playing
 from simple_ros.foxglove.requests import PlaybackControl
 from simple_ros.foxglove.server import FoxgloveServer, ServerOptions
 from simple_ros.foxglove.shown_topic import ShownTopic
-from simple_ros.foxglove.type_book import schema_text
 
 __all__ = ["BagPlayback", "PlaybackOptions"]
 
@@ -96,8 +95,7 @@ class BagPlayback:
                 continue
             item = made.get(topic.name)
             if item is None:
-                schema = schema_text(topic.definition)
-                item = ShownTopic(self.server, topic.name, topic.msg_type, schema, names)
+                item = ShownTopic(self.server, topic.name, topic.msg_type, topic.definition, names)
                 made[topic.name] = item
             self._shown[id(topic)] = item
             self._by_channel |= dict.fromkeys(item.channels, item)

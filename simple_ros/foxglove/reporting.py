@@ -7,9 +7,9 @@ import time
 from typing import Any
 
 from simple_ros.foxglove.client import ClientStatistics
+from simple_ros.foxglove.convert.ros_names import ros_definition, ros_name
 from simple_ros.foxglove.server import FoxgloveServer
 from simple_ros.foxglove.type_book import schema_text
-from simple_ros.msg.definitions import definition_of
 from simple_ros.msg.diagnostic_msgs import DiagnosticArray, DiagnosticStatus, KeyValue
 
 __all__ = [
@@ -73,9 +73,8 @@ def statistics_message(server: FoxgloveServer, now_ns: int) -> DiagnosticArray:
 
 async def publish_statistics(server: FoxgloveServer) -> None:
     """Offer a channel with the counters, once a second while some client wants it."""
-    definition = definition_of(DiagnosticArray).SerializeToString(deterministic=True)
-    name = DiagnosticArray.DESCRIPTOR.full_name
-    channel = server.add_channel(STATS_TOPIC, name, schema_text(definition))
+    schema = schema_text(ros_definition(DiagnosticArray))
+    channel = server.add_channel(STATS_TOPIC, ros_name(DiagnosticArray), schema)
     while True:
         await asyncio.sleep(_PERIOD_S)
         if server.is_wanted(channel.id):

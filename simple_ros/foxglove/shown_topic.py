@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 
+from google.protobuf.message import DecodeError
+
 from simple_ros.callbacks import CallbackGuard
 from simple_ros.foxglove.client import Client
 from simple_ros.foxglove.convert import Context, Converter, converters_for
+from simple_ros.foxglove.convert.ros_names import as_shown, completion_for
 from simple_ros.foxglove.frames import Channel
 from simple_ros.foxglove.graph_model import shown
 from simple_ros.foxglove.server import FoxgloveServer
@@ -22,7 +25,7 @@ class ShownTopic:
         server: Where.
         topic: Canonical name.
         msg_type: Full protobuf name.
-        schema: Base64 of the type's ``FileDescriptorSet``.
+        definition: The type's ``FileDescriptorSet``, serialised.
         taken: Canonical names of other topics: no derived channel is called like one of them.
 
     Attributes:
@@ -37,14 +40,16 @@ class ShownTopic:
         server: FoxgloveServer,
         topic: str,
         msg_type: str,
-        schema: str,
+        definition: bytes,
         taken: Container[str] = (),
     ) -> None:
         self.topic = topic
         self.msg_type = msg_type
         self._server = server
+        self._complete = completion_for(msg_type)
         self._guard = CallbackGuard(f"the conversion of {topic!r}")
-        self._channel = server.add_channel(shown(topic), msg_type, schema)
+        schema_name, schema = as_shown(msg_type, definition)
+        self._channel = server.add_channel(shown(topic), schema_name, schema_text(schema))
         self._taken = taken
         self._converters = self._made()
         self.derived_names = frozenset(topic + converter.suffix for converter in self._converters)
@@ -83,7 +88,7 @@ class ShownTopic:
 
     def publish(self, stamp_ns: int, payloads: Sequence[bytes]) -> None:
         """Send messages that came at one time to all who want them, as they want them."""
-        self._server.publish(self._channel.id, stamp_ns, payloads)
+        self._server.publish(self._channel.id, stamp_ns, self._completed(payloads, stamp_ns))
         for channel, converter in zip(self._derived, self._converters, strict=True):
             if self._server.is_wanted(channel.id):
                 made = [self._converted(converter, payload, stamp_ns) for payload in payloads]
@@ -96,7 +101,8 @@ class ShownTopic:
         """Send messages, given with their times in ns, to one client on one of the channels."""
         if channel == self._channel.id:
             for payload, stamp_ns in messages:
-                self._server.publish_to(client, channel, stamp_ns, payload)
+                for whole in self._completed([payload], stamp_ns):
+                    self._server.publish_to(client, channel, stamp_ns, whole)
             return
         # Converters remember: what is told again must not count twice.
         converter = self._made()[self.channels.index(channel) - 1]
@@ -104,6 +110,18 @@ class ShownTopic:
             made = self._converted(converter, payload, stamp_ns)
             if made is not None:
                 self._server.publish_to(client, channel, stamp_ns, made)
+
+    def _completed(self, payloads: Sequence[bytes], stamp_ns: int) -> Sequence[bytes]:
+        """The messages of the topic itself, as published but for what its panels cannot do without."""
+        if self._complete is None:
+            return payloads
+        whole = []
+        for payload in payloads:
+            try:
+                whole.append(self._complete(payload, stamp_ns))
+            except DecodeError as error:
+                self._guard.failed(error)
+        return whole
 
     def _converted(self, converter: Converter, payload: bytes, stamp_ns: int) -> bytes | None:
         try:

@@ -104,7 +104,7 @@ class Topics:
         except (UnknownMessageType, MasterUnavailable, grpc.aio.AioRpcError):
             self.unknown.add(f"{shown(topic)} ({type_name})")
             return
-        made = ShownTopic(self._server, topic, type_name, known.schema, taken)
+        made = ShownTopic(self._server, topic, type_name, known.definition, taken)
         item = self._followed[topic] = _Followed(made)
         for channel in made.channels:
             self._by_channel[channel] = item

@@ -21,12 +21,12 @@ class KnownType:
     Attributes:
         name: Its full protobuf name.
         message_class: Of its messages.
-        schema: Base64 of the ``FileDescriptorSet`` with every import.
+        definition: Its ``FileDescriptorSet`` with every import, serialised.
     """
 
     name: str
     message_class: type[Message]
-    schema: str
+    definition: bytes
 
 
 def schema_text(definition: bytes) -> str:
@@ -56,7 +56,7 @@ class TypeBook:
         if known is None:
             message_class = await self._client().message_class(type_name)
             definition = definition_of(message_class).SerializeToString(deterministic=True)
-            known = KnownType(type_name, message_class, schema_text(definition))
+            known = KnownType(type_name, message_class, definition)
             self._known[type_name] = known
         return known
 

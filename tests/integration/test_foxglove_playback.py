@@ -21,6 +21,7 @@ from simple_ros.foxglove import (
     Recording,
     ServerOptions,
 )
+from simple_ros.msg.diagnostic_msgs import DiagnosticArray, DiagnosticStatus
 from simple_ros.msg.std_msgs import String
 from simple_ros_master import Master
 
@@ -188,3 +189,31 @@ async def test_recording_what_clients_see(master: Master, tmp_path: Path) -> Non
         (first, *_) = bag.messages()
         assert first.data == text("0")
         json.dumps(bag.metadata())
+
+
+async def test_diagnostics_as_the_panel_asks_for_them(master: Master, tmp_path: Path) -> None:
+    path = tmp_path / "seen.mcap"
+    async with (
+        aio.NodeHandle("talker", master=master.address) as node,
+        bridged(master.address) as bridge,
+        connected(bridge.server.port) as client,
+    ):
+        recording = Recording(path)
+        bridge.server.tap(recording)
+        publisher = await node.advertise("diagnostics", DiagnosticArray)
+        await client.subscribe("/diagnostics")
+        decoder = client.decoder("/diagnostics")
+        assert decoder.DESCRIPTOR.full_name == "ros.diagnostic_msgs.DiagnosticArray"
+        await publisher.wait_for_subscribers(1, timeout=5)
+        publisher.publish(DiagnosticArray(status=[DiagnosticStatus(name="motor")]))
+        await until(lambda: client.on("/diagnostics"))
+        seen = decoder.FromString(client.on("/diagnostics")[0])
+        assert seen.header.HasField("stamp")  # type: ignore[attr-defined]
+        assert seen.status[0].name == "motor"  # type: ignore[attr-defined]
+        bridge.server.tap(None)
+        assert await recording.finish() == 1
+    with Bag(path) as bag:
+        (topic,) = bag.topics.values()
+        assert (topic.name, topic.msg_type) == ("diagnostics", "diagnostic_msgs.DiagnosticArray")
+        (message,) = bag.messages()
+        assert DiagnosticArray.FromString(message.data).status[0].name == "motor"

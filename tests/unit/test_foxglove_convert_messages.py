@@ -15,7 +15,7 @@ from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.json_format import MessageToDict
-from google.protobuf.message import Message
+from google.protobuf.message import DecodeError, Message
 from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -27,8 +27,10 @@ from simple_ros.foxglove.convert import (
     converters_for,
     convertible_types,
 )
+from simple_ros.foxglove.convert.ros_names import as_published, as_shown, completion_for
 from simple_ros.msg import geometry_msgs as geo
 from simple_ros.msg import nav_msgs, ustc
+from simple_ros.msg.definitions import definition_of
 from simple_ros.msg.diagnostic_msgs import DiagnosticArray, DiagnosticStatus, KeyValue
 from simple_ros.msg.registry import MsgFactory
 from simple_ros.msg.rosgraph_msgs import Log
@@ -62,11 +64,16 @@ def shown(message: Message, suffix: str, target: type[M]) -> M:
 
 def defined(converter: Converter) -> type[Message]:
     """The class a viewer makes, which knows nothing but what the converter tells."""
-    files = descriptor_pb2.FileDescriptorSet.FromString(converter.schema)
+    return class_of(converter.schema_name, converter.schema)
+
+
+def class_of(type_name: str, definition: bytes) -> type[Message]:
+    """The class a viewer makes of a definition."""
+    files = descriptor_pb2.FileDescriptorSet.FromString(definition)
     pool = descriptor_pool.DescriptorPool()
     for file in files.file:
         pool.AddSerializedFile(file.SerializeToString())
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(converter.schema_name))
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(type_name))
 
 
 class TestEveryConverter:
@@ -271,23 +278,46 @@ class TestJoints:
 
 
 class TestDiagnostics:
-    def test_a_header_is_always_there(self) -> None:
-        assert shown(DiagnosticArray(), "/ros", DiagnosticArray).header.stamp == RECEIVED
+    NAME = "diagnostic_msgs.DiagnosticArray"
+    DEFINITION = definition_of(DiagnosticArray).SerializeToString(deterministic=True)
+    STATUS = DiagnosticStatus(
+        level=DiagnosticStatus.ERROR, name="motor", values=[KeyValue(key="rpm", value="0")]
+    )
 
-    def test_under_the_name_of_ros(self) -> None:
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.ERROR, name="motor", values=[KeyValue(key="rpm", value="0")]
-        )
-        message = DiagnosticArray(header=HEADER, status=[status])
-        converter = converter_of("diagnostic_msgs.DiagnosticArray", "/ros")
-        assert converter.schema_name == "ros.diagnostic_msgs.DiagnosticArray"
-        result = converter.convert(message.SerializeToString(), CONTEXT)
-        assert result == message.SerializeToString()
-        seen = defined(converter).FromString(result)
+    def test_the_topic_itself_goes_by_the_name_of_ros(self) -> None:
+        assert converters_for(self.NAME) == ()
+        name, definition = as_shown(self.NAME, self.DEFINITION)
+        assert name == "ros.diagnostic_msgs.DiagnosticArray"
+        message = DiagnosticArray(header=HEADER, status=[self.STATUS])
+        seen = class_of(name, definition).FromString(message.SerializeToString())
         (found,) = seen.status  # type: ignore[attr-defined]
         assert (found.level, found.name, found.values[0].key) == (2, "motor", "rpm")
         names = [field.message_type.full_name for field in seen.DESCRIPTOR.fields]
         assert names == ["ros.std_msgs.Header", "ros.diagnostic_msgs.DiagnosticStatus"]
+
+    def test_recordings_have_its_own_name(self) -> None:
+        assert as_published(*as_shown(self.NAME, self.DEFINITION)) == (self.NAME, self.DEFINITION)
+
+    @pytest.mark.parametrize("name", ["std_msgs.Header", "ros.std_msgs.Header", "rospkg.A", ""])
+    def test_other_types_stay_as_they_are(self, name: str) -> None:
+        assert as_shown(name, b"x") == (name, b"x")
+        assert as_published(name, b"x") == (name, b"x")
+        assert completion_for(name) is None
+
+    def test_a_definition_that_is_none_stays(self) -> None:
+        assert as_shown(self.NAME, b"\x0a\x7f") == (self.NAME, b"\x0a\x7f")
+
+    def test_a_stamp_is_always_there(self) -> None:
+        complete = completion_for(self.NAME)
+        assert complete is not None
+        stamped = DiagnosticArray(header=HEADER, status=[self.STATUS]).SerializeToString()
+        assert complete(stamped, CONTEXT.receive_time_ns) is stamped
+        bare = DiagnosticArray(header=Header(frame_id="odom"), status=[self.STATUS])
+        seen = complete(bare.SerializeToString(), CONTEXT.receive_time_ns)
+        bare.header.stamp.CopyFrom(RECEIVED)
+        assert DiagnosticArray.FromString(seen) == bare
+        with pytest.raises(DecodeError):
+            complete(b"\x0a\x7f", 0)
 
     @pytest.mark.parametrize(
         ("fields", "level", "text"),

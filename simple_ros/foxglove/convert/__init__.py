@@ -28,7 +28,6 @@ sensor_msgs.NavSatFix                       /location       foxglove.LocationFix
 sensor_msgs.JointState                      /joints         foxglove.JointStates
 sensor_msgs.JointState                      /ros            ros.sensor_msgs.JointState
 sensor_msgs.BatteryState                    /diagnostics    ros.diagnostic_msgs.DiagnosticArray
-diagnostic_msgs.DiagnosticArray             /ros            ros.diagnostic_msgs.DiagnosticArray
 rosgraph_msgs.Log                           /log            foxglove.Log
 ==========================================  ==============  =====================================
 """

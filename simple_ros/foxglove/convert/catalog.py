@@ -134,8 +134,5 @@ _MAKERS: Mapping[str, tuple[Maker, ...]] = {
     "sensor_msgs.BatteryState": (
         _renamed(sensor_msgs.BatteryState, _DIAGNOSTICS, "/diagnostics", sensors.battery),
     ),
-    "diagnostic_msgs.DiagnosticArray": (
-        _renamed(_DIAGNOSTICS, _DIAGNOSTICS, "/ros", sensors.stamped),
-    ),
     "rosgraph_msgs.Log": (_by(rosgraph_msgs.Log, FoxgloveLog, "/log", logs.log_line),),
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TypeVar
 
 import numpy as np
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
@@ -21,7 +20,6 @@ from simple_ros.msg.sensor_msgs import BatteryState, Imu, JointState, NavSatFix,
 
 __all__ = ["battery", "imu_motion", "imu_orientation", "joints", "location", "stamped"]
 
-S = TypeVar("S", JointState, DiagnosticArray)
 
 ACCELERATION_SCALE = 0.1
 """Length of an arrow in m per m/s²: gravity is about a metre."""
@@ -141,7 +139,7 @@ _COVARIANCE_TYPES = {
 # -- under their own fields ------------------------------------------------------------------------
 
 
-def stamped(message: S, context: Context) -> S:
+def stamped(message: JointState, context: Context) -> JointState:
     """The message itself, with a stamp: panels expect a header."""
     message.header.stamp.CopyFrom(stamp_of(message.header, context))
     return message
