@@ -1,0 +1,123 @@
+"""A serial port on the event loop, and finding the one a Pico is on."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import serial
+from serial.tools import list_ports
+
+__all__ = ["SerialLine", "find_boards"]
+
+_READ_BYTES = 65536
+_MAX_WAITING = 65536
+_RASPBERRY_PI = 0x2E8A
+_BY_ID = Path("/dev/serial/by-id")
+
+
+def find_boards() -> list[str]:
+    """Paths of the ports of Picos, by the name that stays theirs whichever socket they are put into."""
+    devices = {port.device for port in list_ports.comports() if port.vid == _RASPBERRY_PI}
+    if not devices:
+        return []
+    named = sorted(_BY_ID.iterdir()) if _BY_ID.is_dir() else []
+    by_device = {str(path.resolve()): str(path) for path in named}
+    return sorted(by_device.get(device, device) for device in devices)
+
+
+class SerialLine:
+    """An open port. ``received`` and ``lost`` are called on the event loop.
+
+    Args:
+        path: Of the port.
+        baud: Bits per second; USB does not care.
+        received: Called with what came.
+        lost: Called once with the reason when the port is gone.
+
+    Raises:
+        OSError: It cannot be opened; another program may have it.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        baud: int,
+        received: Callable[[bytes], None],
+        lost: Callable[[str], None],
+    ) -> None:
+        # Exclusive: two agents on one port would each get half of the bytes.
+        self._port = serial.Serial(path, baud, timeout=0, exclusive=True)
+        self._fd = self._port.fileno()
+        self._received = received
+        self._lost = lost
+        self._waiting = bytearray()
+        self.dropped_bytes = 0
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(self._fd, self._readable)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is still there."""
+        return bool(self._port.is_open)
+
+    def _readable(self) -> None:
+        try:
+            data = os.read(self._fd, _READ_BYTES)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._end(error.strerror or str(error))
+            return
+        if data:
+            self._received(data)
+        else:
+            self._end("it was unplugged")
+
+    def write(self, data: bytes) -> None:
+        """Send; what the port does not take now waits, up to 64 KiB."""
+        if not self.is_open:
+            return
+        if self._waiting:
+            self._wait_with(data)
+            return
+        sent = self._sent(data)
+        if sent < len(data):
+            self._wait_with(data[sent:])
+            if self.is_open:
+                self._loop.add_writer(self._fd, self._writable)
+
+    def _wait_with(self, data: bytes) -> None:
+        if len(self._waiting) + len(data) > _MAX_WAITING:
+            self.dropped_bytes += len(data)
+        else:
+            self._waiting += data
+
+    def _sent(self, data: bytes | bytearray) -> int:
+        try:
+            return os.write(self._fd, data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            self._end("it was unplugged" if error.errno == errno.EIO else str(error))
+            return 0
+
+    def _writable(self) -> None:
+        del self._waiting[: self._sent(self._waiting)]
+        if not self._waiting and self.is_open:
+            self._loop.remove_writer(self._fd)
+
+    def _end(self, reason: str) -> None:
+        if self.is_open:
+            self.close()
+            self._lost(reason)
+
+    def close(self) -> None:
+        """Close it; nothing is called after that."""
+        if self.is_open:
+            self._loop.remove_reader(self._fd)
+            self._loop.remove_writer(self._fd)
+            self._port.close()
