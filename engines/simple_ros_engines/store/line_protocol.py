@@ -31,14 +31,15 @@ PRECISIONS_NS = {"ns": 1, "u": 1000, "us": 1000, "ms": 1_000_000, "s": 1_000_000
 """Nanoseconds in a unit of time."""
 
 _LONGEST = 64 * 1024
-# Possessive throughout: a part that was read is never read again in another way.
-_NAME = r"[^,= \\\n]*+(?:\\.[^,= \\\n]*+)*+"
-_NUMBER = r"[-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d++)?+[iu]?+"
+# Possessive where it repeats a character: what was read is never read again in another way. Not where it repeats
+# a group: early versions of CPython 3.11 match those wrongly, and each group begins with a sign of its own.
+_NAME = r"[^,= \\\n]*+(?:\\.[^,= \\\n]*+)*"
+_NUMBER = r"[-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d++)?[iu]?+"
 _TEXT = r'"[^"\\]*(?:\\.[^"\\]*)*"'
 _FIELD = rf"{_NAME}=(?:{_NUMBER}|{_TEXT}|true|True|TRUE|false|False|FALSE|[tTfF])"
 _LINE = re.compile(
     rf"(?P<measurement>[^, \\\n]*(?:\\.[^, \\\n]*)*)(?P<tags>(?:,{_NAME}={_NAME})*) +"
-    rf"(?P<fields>{_FIELD}(?:,{_FIELD})*+)(?: +(?P<stamp>-?\d+))?\s*"
+    rf"(?P<fields>{_FIELD}(?:,{_FIELD})*)(?: +(?P<stamp>-?\d+))?\s*"
 )
 _ONE_FIELD = re.compile(rf"({_NAME})=({_TEXT}|[^,]+)")
 _ONE_TAG = re.compile(rf",({_NAME})=({_NAME})")
