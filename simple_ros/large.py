@@ -21,7 +21,8 @@ from typing import Any, ClassVar, Generic, TypeVar
 from google.protobuf.message import DecodeError, Message
 
 from simple_ros.codecs import Codec, register_codec
-from simple_ros.wire.split import LENT_BYTES, field_head, split_field
+from simple_ros.protobuf_wire import field_head, split_field
+from simple_ros.wire.framing import LENT_BYTES
 
 __all__ = ["LargeCodec", "LargeMessage", "large"]
 

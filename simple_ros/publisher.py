@@ -180,6 +180,7 @@ class Publisher(Generic[MessageT]):
     def _publish_object(self, message: Any, payload: bytes | None = None) -> None:
         """As `publish_bytes`, with subscribers that take the object itself."""
         self.check_open()
+        self._check_thread()
         wants_bytes = bool(self._links.spellings) or self._latches
         if wants_bytes and payload is None:
             payload = self.encode(message)

@@ -28,7 +28,47 @@ QOS = QosProfile(depth=100)
 MessageT = TypeVar("MessageT")
 
 
-class DiagnosticUpdater:
+class UpdaterBase:
+    """What updaters of both faces do.
+
+    Attributes:
+        tasks: What it looks at.
+    """
+
+    tasks: Tasks
+    _clock: Clock
+    _send: Callable[[DiagnosticArray], None]
+
+    def add(self, name: str, *tasks: Task) -> None:
+        """Look at something each time: a function that is given a `Status`, or a monitor.
+
+        Raises:
+            ConfigError: There is a task of that name.
+        """
+        self.tasks.add(name, *tasks)
+
+    def remove(self, name: str) -> None:
+        """Look at it no more.
+
+        Raises:
+            LookupError: There is no task of that name.
+        """
+        self.tasks.remove(name)
+
+    def update(self) -> None:
+        """Look and send now."""
+        self._send(self.tasks.look(self._clock.now()))
+
+    def broadcast(self, level: Level, message: str) -> None:
+        """Send the same for every task, such as at start or end."""
+        self._send(self.tasks.say(self._clock.now(), level, message))
+
+    def now(self) -> float:
+        """The time that monitors are told, in seconds."""
+        return self._clock.now().seconds
+
+
+class DiagnosticUpdater(UpdaterBase):
     """Looks at its tasks once a second and sends what it finds on ``diagnostics``.
 
     Made by `DiagnosticUpdater.create`. It goes by the node's clock.
@@ -43,6 +83,7 @@ class DiagnosticUpdater:
         self.tasks = tasks
         self._clock = Clock.attach(node)
         self._publisher = publisher
+        self._send = publisher.publish
         self._timer: Timer | None = None
 
     @classmethod
@@ -63,34 +104,6 @@ class DiagnosticUpdater:
         updater = cls(node, publisher, Tasks(node.name, hardware_id))
         updater._timer = node.create_timer(period_s, lambda _: updater.update())
         return updater
-
-    def add(self, name: str, *tasks: Task) -> None:
-        """Look at something each time: a function that is given a `Status`, or a monitor.
-
-        Raises:
-            ConfigError: There is a task of that name.
-        """
-        self.tasks.add(name, *tasks)
-
-    def remove(self, name: str) -> None:
-        """Look at it no more.
-
-        Raises:
-            LookupError: There is no task of that name.
-        """
-        self.tasks.remove(name)
-
-    def update(self) -> None:
-        """Look and send now."""
-        self._publisher.publish(self.tasks.look(self._clock.now()))
-
-    def broadcast(self, level: Level, message: str) -> None:
-        """Send the same for every task, such as at start or end."""
-        self._publisher.publish(self.tasks.say(self._clock.now(), level, message))
-
-    def now(self) -> float:
-        """The time that monitors are told, in seconds."""
-        return self._clock.now().seconds
 
     async def close(self) -> None:
         """Look and send no more."""

@@ -22,11 +22,11 @@ from typing import NamedTuple
 
 from simple_ros.errors import FrameError, MessageTooLarge
 from simple_ros.names import MAX_NAME_BYTES
-from simple_ros.wire.split import LENT_BYTES
 
 __all__ = [
     "DEFAULT_MAX_MESSAGE_BYTES",
     "EMPTY_UPDATE_TOPIC",
+    "LENT_BYTES",
     "MAX_DATA_BYTES",
     "TARGETS_UPDATE_TYPE",
     "FrameDecoder",
@@ -53,6 +53,8 @@ _pack_u32 = _U32.pack
 
 _FIRST_BUFFER = 16 * 1024
 _SMALL_BUFFER = 256 * 1024
+LENT_BYTES = 64 * 1024
+"""Payloads of this size on stay valid as long as anybody holds a view of them."""
 _KEPT_BUFFER = 16 * 1024 * 1024
 _MOST_RETIRED = 4
 

@@ -21,7 +21,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from simple_ros.foxglove.convert import Context, ConversionFailed, converters_for
-from simple_ros.foxglove.convert.wire import split, with_bytes
 from simple_ros.msg.arrays import (
     numpy_to_image,
     numpy_to_occupancy_grid,
@@ -38,6 +37,7 @@ from simple_ros.msg.sensor_msgs import (
     PointField,
 )
 from simple_ros.msg.std_msgs import Header
+from simple_ros.protobuf_wire import split_field, with_field
 
 HEADER = Header(frame_id="sensor", stamp=Timestamp(seconds=3, nanos=4))
 
@@ -58,7 +58,7 @@ class TestWire:
     @given(st.binary(max_size=300), st.binary(max_size=20), st.integers(0, 2**32 - 1))
     def test_a_field_is_taken_out(self, data: bytes, encoding: bytes, width: int) -> None:
         image = Image(width=width, encoding=encoding.hex(), data=data)
-        content, rest = split(image.SerializeToString(), 7)
+        rest, content = split_field(image.SerializeToString(), 7)
         assert bytes(content) == data
         image.ClearField("data")
         assert Image.FromString(rest) == image
@@ -67,11 +67,11 @@ class TestWire:
     @given(st.binary(max_size=300))
     def test_a_field_is_put_in(self, data: bytes) -> None:
         image = Image(width=3, step=9)
-        assert Image.FromString(with_bytes(image, 7, data)) == Image(width=3, step=9, data=data)
+        assert Image.FromString(with_field(image, 7, data)) == Image(width=3, step=9, data=data)
 
     def test_the_last_one_counts(self) -> None:
         twice = Image(data=b"a").SerializeToString() + Image(width=1, data=b"b").SerializeToString()
-        content, rest = split(twice, 7)
+        rest, content = split_field(twice, 7)
         assert (bytes(content), Image.FromString(rest)) == (b"b", Image(width=1))
 
     @settings(deadline=None, derandomize=True)

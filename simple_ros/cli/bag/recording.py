@@ -192,12 +192,11 @@ class _Session:
 
         if not self._sim_time:
             return time.time_ns
-        from simple_ros.bag.sim_clock import SimClock
-
-        clock = SimClock()
+        clock = node.clock
         say("waiting for /clock")
-        await clock.attach(node)
-        return clock.now_ns
+        clock.use_sim_time(True)
+        await clock.wait_for_clock()
+        return lambda: clock.now().nanoseconds
 
     async def _work(self, recorder: Recorder) -> None:
         from simple_ros.cli.bag.keyboard import SPACE, keys_do

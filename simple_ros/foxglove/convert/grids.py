@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from simple_ros.foxglove.convert.base import Context, Converter, described
 from simple_ros.foxglove.convert.common import frame_of, placed, stamp_of
-from simple_ros.foxglove.convert.wire import split, with_bytes
 from simple_ros.msg.nav_msgs import OccupancyGrid
+from simple_ros.protobuf_wire import split_field, with_field
 
 __all__ = ["GridConverter"]
 
@@ -79,7 +79,7 @@ class GridConverter(Converter):
         return described(Grid)
 
     def _converted(self, message: bytes, context: Context) -> bytes | None:
-        data, rest = split(message, _ROS_DATA)
+        rest, data = split_field(message, _ROS_DATA)
         grid = OccupancyGrid.FromString(rest)
         info = grid.info
         if len(data) != info.width * info.height:
@@ -100,4 +100,4 @@ class GridConverter(Converter):
             fields=_FIELDS,
         )
         cells = np.take(colors, np.frombuffer(data, np.uint8))
-        return with_bytes(result, _DATA, cells.view(np.uint8).data)
+        return with_field(result, _DATA, cells.view(np.uint8).data)

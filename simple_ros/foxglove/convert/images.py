@@ -9,9 +9,9 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from simple_ros.foxglove.convert.base import Context, Converter, described
 from simple_ros.foxglove.convert.common import frame_of, stamp_of
-from simple_ros.foxglove.convert.wire import split, with_bytes
 from simple_ros.msg.arrays import image_to_numpy, image_type
 from simple_ros.msg.sensor_msgs import CameraInfo, CompressedImage, Image
+from simple_ros.protobuf_wire import split_field, with_field
 
 __all__ = ["CompressedImageConverter", "ImageConverter", "calibration"]
 
@@ -52,7 +52,7 @@ class ImageConverter(Converter):
 
     def _converted(self, message: bytes, context: Context) -> bytes:
         data: bytes | memoryview
-        data, rest = split(message, _ROS_DATA)
+        rest, data = split_field(message, _ROS_DATA)
         image = Image.FromString(rest)
         result = RawImage(
             timestamp=stamp_of(image.header, context),
@@ -68,7 +68,7 @@ class ImageConverter(Converter):
         else:
             result.step = image.step or _row_bytes(image)
             data = _whole(data, image.height, result.step, _row_bytes(image))
-        return with_bytes(result, _DATA, data)
+        return with_field(result, _DATA, data)
 
 
 def _must_change(image: Image) -> bool:
@@ -139,7 +139,7 @@ class CompressedImageConverter(Converter):
         return described(FoxgloveCompressedImage)
 
     def _converted(self, message: bytes, context: Context) -> bytes:
-        data, rest = split(message, _ROS_COMPRESSED)
+        rest, data = split_field(message, _ROS_COMPRESSED)
         image = CompressedImage.FromString(rest)
         if data[_DEPTH_HEADER_BYTES : _DEPTH_HEADER_BYTES + len(_PNG)] == _PNG:
             # compressed_depth_image_transport writes how it scaled the depth before the picture.
@@ -149,7 +149,7 @@ class CompressedImageConverter(Converter):
             frame_id=frame_of(image.header, context),
             format=_format_of(data) or _format_in_words(image.format),
         )
-        return with_bytes(result, _COMPRESSED, data)
+        return with_field(result, _COMPRESSED, data)
 
 
 def _format_of(data: memoryview) -> str:

@@ -14,7 +14,6 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 from simple_ros.foxglove.convert.base import Context, Converter, described
 from simple_ros.foxglove.convert.common import frame_of, stamp_of
-from simple_ros.foxglove.convert.wire import split, with_bytes
 from simple_ros.msg.arrays import (
     laser_scan_intensities,
     laser_scan_ranges,
@@ -23,6 +22,7 @@ from simple_ros.msg.arrays import (
     pointcloud2_to_numpy,
 )
 from simple_ros.msg.sensor_msgs import LaserScan, PointCloud2, PointField
+from simple_ros.protobuf_wire import split_field, with_field
 
 __all__ = ["PointCloudConverter", "laser_scan"]
 
@@ -90,7 +90,7 @@ class PointCloudConverter(Converter):
         return described(PointCloud)
 
     def _converted(self, message: bytes, context: Context) -> bytes:
-        data, rest = split(message, _ROS_DATA)
+        rest, data = split_field(message, _ROS_DATA)
         cloud = PointCloud2.FromString(rest)
         pointcloud2_dtype(cloud)
         result = PointCloud(
@@ -104,7 +104,7 @@ class PointCloudConverter(Converter):
         if opaque or not _is_plain(cloud, len(data)):
             cloud.data = bytes(data)
             data = _moved(cloud, opaque)
-        return with_bytes(result, _DATA, data)
+        return with_field(result, _DATA, data)
 
 
 def _is_plain(cloud: PointCloud2, size: int) -> bool:

@@ -15,6 +15,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
 from simple_ros.msg.arrays._buffers import Array
+from simple_ros.protobuf_wire import field_head, fields_of
 
 __all__ = ["numpy_to_repeated", "repeated_to_numpy"]
 
@@ -28,8 +29,6 @@ _DTYPES: dict[int, np.dtype[Any]] = {
     FieldDescriptor.CPPTYPE_BOOL: np.dtype(np.bool_),
     FieldDescriptor.CPPTYPE_ENUM: np.dtype(np.int32),
 }
-_LENGTH_DELIMITED = 2
-_FIXED_SIZES = {1: 8, 5: 4}  # bytes after the key, by wire type
 _WORTH_THE_WIRE = 128  # numbers; below, making an object of each is as fast
 
 
@@ -69,7 +68,7 @@ def numpy_to_repeated(message: Message, field: str, array: Array) -> None:
         raise ValueError(f"{where} needs an array of shape (count,), got {array.shape}")
     if dtype.kind == "f":
         raw = _as_floats(where, array, dtype).tobytes()
-        wire = _varint(number << 3 | _LENGTH_DELIMITED) + _varint(len(raw)) + raw
+        wire = field_head(number, len(raw)) + raw
         message.ClearField(field)
         message.MergeFromString(wire)
     else:
@@ -115,39 +114,8 @@ def _number_field(message: Message, field: str) -> tuple[int, np.dtype[Any]]:
 
 def _payload(wire: bytes, number: int) -> memoryview:
     """The bytes of the first field ``number`` in a serialised message, empty if there is none."""
-    position = 0
-    while position < len(wire):
-        key, position = _read_varint(wire, position)
-        match key & 7:
-            case 0:
-                _, position = _read_varint(wire, position)
-            case 2:
-                size, position = _read_varint(wire, position)
-                if key >> 3 == number:
-                    return memoryview(wire)[position : position + size]
-                position += size
-            case wire_type if wire_type in _FIXED_SIZES:
-                position += _FIXED_SIZES[wire_type]
-            case _:  # a group, which only an unknown field can be
-                break
-    return memoryview(b"")
-
-
-def _read_varint(wire: bytes, position: int) -> tuple[int, int]:
-    value = shift = 0
-    while True:
-        byte = wire[position]
-        position += 1
-        value |= (byte & 127) << shift
-        if byte < 128:
-            return value, position
-        shift += 7
-
-
-def _varint(value: int) -> bytes:
-    out = bytearray()
-    while value > 127:
-        out.append(value & 127 | 128)
-        value >>= 7
-    out.append(value)
-    return bytes(out)
+    view = memoryview(wire)
+    for field in fields_of(view):
+        if field.number == number and field.is_bytes:
+            return view[field.begin : field.end]
+    return view[:0]

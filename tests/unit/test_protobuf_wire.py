@@ -11,8 +11,8 @@ from simple_ros.msg.example import ControlCommand
 from simple_ros.msg.nav_msgs import OccupancyGrid
 from simple_ros.msg.sensor_msgs import Image, PointCloud2
 from simple_ros.msg.std_msgs import ByteMultiArray
+from simple_ros.protobuf_wire import field_head, split_field
 from simple_ros.wire.framing import FrameDecoder, encode_frame, encode_header
-from simple_ros.wire.split import field_head, split_field
 
 NUMBER = Image.DESCRIPTOR.fields_by_name["data"].number
 

@@ -1,0 +1,49 @@
+"""Everything that has a transport of its own, on uvloop."""
+
+from __future__ import annotations
+
+import pytest
+from support.waiting import until
+
+from simple_ros.aio import NodeHandle
+from simple_ros.large import LargeMessage, large
+from simple_ros.msg.example import SensorData
+from simple_ros.msg.sensor_msgs import Image
+from simple_ros.msg.std_srvs import Trigger, TriggerRequest, TriggerResponse
+from simple_ros_master import Master
+
+uvloop = pytest.importorskip("uvloop", reason="uvloop is not installed")
+
+
+@pytest.mark.parametrize("transports", [("tcp",), ("unix", "tcp"), ("local", "tcp")])
+def test_topics_large_messages_and_services(transports: tuple[str, ...]) -> None:
+    kind = large(Image)
+    small: list[SensorData] = []
+    images: list[LargeMessage[Image]] = []
+
+    async def scenario() -> None:
+        async with (
+            Master(port=0) as master,
+            NodeHandle("a", master=master.address, transports=transports) as a,
+            NodeHandle("b", master=master.address, transports=transports) as b,
+        ):
+            await b.subscribe("image", kind, images.append)
+            await b.subscribe("sensor", SensorData, small.append)
+            camera = await a.advertise("image", kind)
+            sensor = await a.advertise("sensor", SensorData)
+            await camera.wait_for_subscribers(1, timeout=5)
+            await sensor.wait_for_subscribers(1, timeout=5)
+            for number in range(5):
+                await camera.publish_async(kind(Image(height=number), bytes(3_000_000)))
+            for number in range(200):
+                await sensor.publish_async(SensorData(sensor_id=number))
+            await until(lambda: len(images) == 5 and len(small) == 200)
+            # Two nodes of one loop would call each other directly.
+            b.providers._local_lanes = lambda _: None
+            await a.advertise_service("s", Trigger, lambda _: TriggerResponse(message="done"))
+            answer = await b.service_client("s", Trigger).call(TriggerRequest(), timeout=5)
+            assert answer.message == "done"
+
+    uvloop.run(scenario())
+    assert [image.height for image in images] == list(range(5))
+    assert [message.sensor_id for message in small] == list(range(200))
