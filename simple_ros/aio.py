@@ -29,6 +29,7 @@ from simple_ros.actions.server import ActionServer
 from simple_ros.actions.states import GoalState
 from simple_ros.arguments import BadArgument
 from simple_ros.errors import NodeNameTaken
+from simple_ros.net.loop import NoSuchLoop, new_loop
 from simple_ros.net.master_client import MasterClient
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher, PublisherStatistics
@@ -69,16 +70,19 @@ def run(main: Coroutine[Any, Any, Result]) -> Result | None:
 
     On SIGINT or SIGTERM ``main`` is cancelled, so that its ``async with`` blocks say goodbye, and
     None is returned. A second signal while it does changes nothing. (Signals only reach a program's
-    main thread; elsewhere this only runs ``main``.)
+    main thread; elsewhere this only runs ``main``.) ``SIMPLE_ROS_LOOP=uvloop`` runs it on uvloop.
 
     Raises:
         SystemExit: A newer node took this one's name, or a word of the command line makes no sense
-            (`BadArgument`), and ``main`` let that pass: the program ends with its text on stderr, and
-            exit code 1.
+            (`BadArgument`), and ``main`` let that pass; or there is no such event loop: the program
+            ends with its text on stderr, and exit code 1.
     """
     try:
-        with asyncio.Runner() as runner:
+        with asyncio.Runner(loop_factory=new_loop) as runner:
             return runner.run(_until_signal(main))
+    except NoSuchLoop as error:
+        main.close()
+        raise SystemExit(str(error)) from None
     except (NodeNameTaken, BadArgument) as error:
         raise SystemExit(str(error)) from None
 

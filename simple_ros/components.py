@@ -35,7 +35,7 @@ __all__ = ["DEFAULT_TRANSPORTS", "Component", "component", "main", "run_componen
 
 logger = logging.getLogger(__name__)
 
-DEFAULT_TRANSPORTS = (InProcess.REFERENCE.value, "unix", "tcp")
+DEFAULT_TRANSPORTS = (InProcess.REFERENCE.value, "shm", "unix", "tcp")
 
 
 @dataclass(frozen=True, slots=True)

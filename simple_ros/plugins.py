@@ -6,11 +6,13 @@ only for who asks for it by name; where all are listed it is told and left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 from simple_ros.errors import ConfigError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 __all__ = [
     "CLI",
@@ -73,7 +75,7 @@ class BrokenPlugin(ConfigError, ImportError):
 
 def names(group: str) -> tuple[str, ...]:
     """The names of a group's plug-ins, sorted."""
-    return tuple(sorted({entry_point.name for entry_point in entry_points(group=group)}))
+    return tuple(sorted({entry_point.name for entry_point in _entry_points(group)}))
 
 
 def load(group: str, name: str) -> Any:
@@ -83,7 +85,7 @@ def load(group: str, name: str) -> Any:
         UnknownPlugin: There is none of that name.
         BrokenPlugin: It cannot be imported.
     """
-    for entry_point in entry_points(group=group):
+    for entry_point in _entry_points(group):
         if entry_point.name == name:
             return _loaded(group, entry_point)
     raise UnknownPlugin(group, name, names(group))
@@ -91,11 +93,18 @@ def load(group: str, name: str) -> Any:
 
 def load_all(group: str) -> Iterator[tuple[str, Any | BrokenPlugin]]:
     """All of a group, by name; in place of one that cannot be imported, the error that says why."""
-    for entry_point in sorted(entry_points(group=group), key=lambda item: item.name):
+    for entry_point in sorted(_entry_points(group), key=lambda item: item.name):
         try:
             yield entry_point.name, _loaded(group, entry_point)
         except BrokenPlugin as error:
             yield entry_point.name, error
+
+
+def _entry_points(group: str) -> Iterable[EntryPoint]:
+    # Late: most programs have no plug-ins, and this takes longer to import than a message to arrive.
+    from importlib.metadata import entry_points
+
+    return entry_points(group=group)
 
 
 def _loaded(group: str, entry_point: EntryPoint) -> Any:

@@ -112,6 +112,8 @@ class SystemManager:
                 ip=ip,
                 port=port,
                 transports=transports,
+                # It would take the interpreter from the user's own thread.
+                busy_poll=False,
                 namespace=namespace,
                 arguments=arguments,
             )

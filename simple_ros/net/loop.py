@@ -1,25 +1,52 @@
-"""An event loop in a thread of its own, for programs that do not have one."""
+"""Event loops: which one a program gets, and one in a thread of its own, for programs that have none."""
 
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
-__all__ = ["BackgroundLoop"]
+from simple_ros.errors import ConfigError
+
+__all__ = ["BackgroundLoop", "NoSuchLoop", "new_loop"]
 
 Result = TypeVar("Result")
 
 _STOP_S = 2.0
 
 
+class NoSuchLoop(ConfigError):
+    """``SIMPLE_ROS_LOOP`` names an event loop that is not to be had."""
+
+
+def new_loop() -> asyncio.AbstractEventLoop:
+    """A loop as ``SIMPLE_ROS_LOOP`` wants it: ``asyncio`` (or nothing), or ``uvloop``.
+
+    Raises:
+        NoSuchLoop: It names another, or uvloop is not installed.
+    """
+    wanted = os.environ.get("SIMPLE_ROS_LOOP", "") or "asyncio"
+    if wanted == "asyncio":
+        return asyncio.new_event_loop()
+    if wanted != "uvloop":
+        raise NoSuchLoop(f"SIMPLE_ROS_LOOP={wanted}: there are 'asyncio' and 'uvloop'")
+    try:
+        import uvloop
+    except ImportError:
+        raise NoSuchLoop(
+            "SIMPLE_ROS_LOOP=uvloop needs one more package: pip install 'simple-ros[uvloop]'"
+        ) from None
+    return uvloop.new_event_loop()
+
+
 class BackgroundLoop:
     """Runs coroutines for other threads. A daemon thread: it keeps no program alive."""
 
     def __init__(self) -> None:
-        self._loop = asyncio.new_event_loop()
+        self._loop = new_loop()
         self._tasks: set[asyncio.Task[object]] = set()
         self._thread = threading.Thread(target=self._run, name="simple_ros loop", daemon=True)
         self._thread.start()

@@ -8,11 +8,12 @@ import socket
 from collections.abc import Callable, Iterable
 from typing import cast
 
-from simple_ros.errors import AddressInUse
+from simple_ros.errors import AddressInUse, FrameError
 from simple_ros.net.addresses import join_address, keep_alive, listening_socket
 from simple_ros.net.feeder import Feeder, Receiver, Source
 from simple_ros.net.memory import LARGE_BYTES, keep_large_blocks
-from simple_ros.net.transport import UNIX, Listener, Place, Transport
+from simple_ros.net.shm import SlotReader
+from simple_ros.net.transport import SHM, UNIX, Listener, Place, Transport
 from simple_ros.wire.framing import DEFAULT_MAX_MESSAGE_BYTES, FrameDecoder, Run
 
 __all__ = ["InboundLink", "NodeServer"]
@@ -28,12 +29,15 @@ class InboundLink(asyncio.BufferedProtocol):
     Attributes:
         peer: ``host:port`` of the other side, or what its transport calls it.
         violation: Whether it was closed for not speaking simple_ros framing.
+        slots: Where large messages are found if the peer shares its memory.
     """
 
     def __init__(self, receiver: Receiver, max_message_bytes: int) -> None:
         self.peer = "?"
         self.violation = False
+        self.slots: SlotReader | None = None
         self._receiver = receiver
+        self._max_message_bytes = max_message_bytes
         self._decoder = FrameDecoder(max_message_bytes)
         self._transport: asyncio.Transport | None = None
         self._ended = False
@@ -54,10 +58,28 @@ class InboundLink(asyncio.BufferedProtocol):
             keep_large_blocks()
         runs = self._decoder.received(nbytes)
         if runs:
-            self._feeder.feed(runs)
-        if self._decoder.error is not None and not self.violation:
+            slots = self.slots
+            if slots is None:
+                self._feeder.feed(runs)
+            else:
+                self._feed_with_slots(runs, slots)
+        if self._decoder.error is not None:
+            self._refuse(self._decoder.error)
+
+    def _feed_with_slots(self, runs: list[Run], slots: SlotReader) -> None:
+        try:
+            found = slots.translate(runs, self._max_message_bytes)
+        except FrameError as error:
+            self._refuse(error)
+            return
+        self._feeder.feed(found)
+        if not self._feeder.is_stalled:
+            slots.handed_on()
+
+    def _refuse(self, error: FrameError) -> None:
+        if not self.violation:
             self.violation = True
-            self._receiver.link_refused(self.peer, str(self._decoder.error))
+            self._receiver.link_refused(self.peer, str(error))
             assert self._transport is not None
             self._transport.abort()
 
@@ -80,6 +102,8 @@ class InboundLink(asyncio.BufferedProtocol):
         self._transport.pause_reading()
 
     def _go_on(self) -> None:
+        if self.slots is not None:
+            self.slots.handed_on()
         if self._ended:
             self._receiver.link_ended(self)
         elif self._transport is not None and not (
@@ -140,7 +164,7 @@ class NodeServer:
             try:
                 self._listeners.append(await transport.listen(self._accepted, place))
             except OSError as error:
-                level = logging.DEBUG if transport is UNIX else logging.WARNING
+                level = logging.DEBUG if transport in (SHM, UNIX) else logging.WARNING
                 logger.log(level, "not reachable by %s: %s", transport.scheme, error)
 
     @property

@@ -92,6 +92,10 @@ class StreamTransport(asyncio.Transport):
         self._loop.add_writer(self._fd, self._writable)
         self._protocol.pause_writing()
 
+    def _all_sent(self) -> None:
+        """Nothing waits any more."""
+        self._protocol.resume_writing()
+
     def _writable(self) -> None:
         waiting = self._waiting
         try:
@@ -112,7 +116,7 @@ class StreamTransport(asyncio.Transport):
         if self._closing:
             self._end(None)
         else:
-            self._protocol.resume_writing()
+            self._all_sent()
 
     def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
         """High water is always at zero."""
@@ -132,9 +136,12 @@ class StreamTransport(asyncio.Transport):
             self._fail(error)
             return
         if data:
-            self._protocol.data_received(data)
+            self._received(data)
         else:
             self._end(None)
+
+    def _received(self, data: bytes) -> None:
+        self._protocol.data_received(data)
 
     # -- the end -------------------------------------------------------------------------------
 

@@ -23,6 +23,7 @@ from typing import Any, ClassVar, TypeAlias
 
 from simple_ros import plugins
 from simple_ros.errors import ConfigError
+from simple_ros.net import shm
 from simple_ros.net.addresses import join_address, split_address
 from simple_ros.net.stream import StreamTransport, connected
 from simple_ros.net.unix import UnixListener, dial_unix, is_available
@@ -55,7 +56,7 @@ class InProcess(Enum):
     REFERENCE = "reference"
 
 
-DEFAULT_TRANSPORTS = (InProcess.COPY.value, "unix", "tcp")
+DEFAULT_TRANSPORTS = (InProcess.COPY.value, "shm", "unix", "tcp")
 Acceptor: TypeAlias = "Callable[[], asyncio.BufferedProtocol]"
 TransportChoice: TypeAlias = "Sequence[str | Transport] | None"
 
@@ -163,17 +164,32 @@ class UnixTransport(Transport):
         """Listen under the node's instance id."""
         if not is_available():
             raise OSError("this system has no abstract Unix sockets")
-        listener = _UnixListener()
-        listener.inner = UnixListener(place.instance_id, accept)
-        return listener
+        return _UnixListener(UnixListener(place.instance_id, accept))
 
     async def dial(self, address: str, protocol: asyncio.Protocol) -> None:
         """Connect."""
         await dial_unix(address, protocol)
 
 
+class ShmTransport(Transport):
+    """Unix sockets, with large messages in shared memory; see `simple_ros.net.shm`."""
+
+    scheme = "shm"
+
+    async def listen(self, accept: Acceptor, place: Place) -> Listener:
+        """Listen under the node's instance id."""
+        if not shm.is_available():
+            raise OSError("this system shares no memory")
+        return _UnixListener(shm.ShmListener(place.instance_id, accept))
+
+    async def dial(self, address: str, protocol: asyncio.Protocol) -> None:
+        """Connect."""
+        await shm.dial_shm(address, protocol)
+
+
 class _UnixListener(Listener):
-    inner: UnixListener
+    def __init__(self, inner: UnixListener) -> None:
+        self.inner = inner
 
     @property
     def addresses(self) -> tuple[str, ...]:
@@ -196,7 +212,8 @@ async def _resolved(host: str, port: int) -> list[Any]:
 
 TCP = TcpTransport()
 UNIX = UnixTransport()
-_BUILT_IN: dict[str, Transport] = {TCP.scheme: TCP, UNIX.scheme: UNIX}
+SHM = ShmTransport()
+_BUILT_IN: dict[str, Transport] = {item.scheme: item for item in (TCP, UNIX, SHM)}
 
 
 def feed(protocol: asyncio.BufferedProtocol, data: bytes | memoryview) -> None:
@@ -215,7 +232,7 @@ def chosen_transports(choice: TransportChoice = None) -> tuple[Transport | InPro
 
     Args:
         choice: Names and objects; None takes ``SIMPLE_ROS_TRANSPORTS`` (names separated by commas), else
-            ``local,unix,tcp``.
+            ``local,shm,unix,tcp``.
 
     Raises:
         ConfigError: It is empty, or an object is none; `plugins.UnknownPlugin` for a name.

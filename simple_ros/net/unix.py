@@ -24,7 +24,6 @@ __all__ = ["UnixListener", "connected_unix", "dial_unix", "host_id", "is_availab
 
 logger = logging.getLogger(__name__)
 
-_SCHEME = "unix"
 _BUFFER_BYTES = 4 * 1024 * 1024
 
 
@@ -41,8 +40,10 @@ def host_id() -> str:
     return f"{boot}.{namespace}"
 
 
-def _path(name: str) -> str:
-    return f"\0simple_ros.{name}"
+def _path(scheme: str, name: str) -> str:
+    return (
+        f"\0simple_ros.{name}" if scheme == UnixListener.scheme else f"\0simple_ros.{scheme}.{name}"
+    )
 
 
 def larger_buffers(sock: socket.socket) -> None:
@@ -52,17 +53,24 @@ def larger_buffers(sock: socket.socket) -> None:
 
 
 class UnixListener:
-    """Takes connections under a name."""
+    """Takes connections under a name.
+
+    Attributes:
+        scheme: What its address begins with.
+        address: What peers dial.
+    """
+
+    scheme = "unix"
 
     def __init__(self, name: str, accept: Callable[[], asyncio.BufferedProtocol]) -> None:
-        self.address = f"{_SCHEME}://{host_id()}/{name}"
+        self.address = f"{self.scheme}://{host_id()}/{name}"
         self._accept = accept
         self._loop = asyncio.get_running_loop()
         self._accepting: set[asyncio.Task[None]] = set()
         self._sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             self._sock.setblocking(False)
-            self._sock.bind(_path(name))
+            self._sock.bind(_path(self.scheme, name))
             self._sock.listen(socket.SOMAXCONN)
         except OSError:
             self._sock.close()
@@ -89,8 +97,13 @@ class UnixListener:
         task.add_done_callback(self._accepting.discard)
 
     async def _take(self, connection: socket.socket) -> None:
+        await self._attach(self._accept, connection)
+
+    async def _attach(
+        self, accept: Callable[[], asyncio.BufferedProtocol], connection: socket.socket
+    ) -> None:
         try:
-            await self._loop.connect_accepted_socket(self._accept, connection)
+            await self._loop.connect_accepted_socket(accept, connection)
         except OSError as error:
             logger.debug("a connection ended before it began: %s", error)
             connection.close()
@@ -110,10 +123,11 @@ def unix_path(address: str) -> str:
     Raises:
         OSError: The address is another host's.
     """
-    host, _, name = address.partition("://")[2].partition("/")
+    scheme, _, rest = address.partition("://")
+    host, _, name = rest.partition("/")
     if not is_available() or host != host_id():
         raise ConnectionRefusedError(f"{address} is on another host")
-    return _path(name)
+    return _path(scheme, name)
 
 
 async def connected_unix(address: str) -> socket.socket:

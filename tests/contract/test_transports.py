@@ -49,6 +49,7 @@ KINDS = [
     Kind("reference", lambda: ("reference",)),
     Kind("tcp", lambda: ("tcp",)),
     Kind("unix", lambda: ("unix",)),
+    Kind("shm", lambda: ("shm",)),
     Kind("memory", lambda: (MemoryNetwork(),)),
     Kind("memory-delay", lambda: (MemoryNetwork(delay_s=0.005, jitter_s=0.005, seed=3),)),
     Kind(
