@@ -28,8 +28,8 @@ DEFAULT_PORT = 50051
 _OPTIONS: list[tuple[str, Any]] = [
     ("grpc.so_reuseport", 0),
     # A host that vanished loses its lease within five seconds.
-    ("grpc.keepalive_time_ms", 2000),
-    ("grpc.keepalive_timeout_ms", 3000),
+    ("grpc.keepalive_time_ms", 3000),
+    ("grpc.keepalive_timeout_ms", 2500),
     ("grpc.http2.ping_timeout_ms", 3000),
     ("grpc.keepalive_permit_without_calls", 1),
     ("grpc.http2.max_pings_without_data", 0),

@@ -72,7 +72,7 @@ class TestNode:
             "name": "robot",
             "ip": "127.0.0.1",
             "port": node.port,
-            "addresses": [item for item in info_json["addresses"] if item.startswith("unix://")],
+            "addresses": [item for item in info_json["addresses"] if "127.0.0.1" not in item],
             "publishes": [{"topic": "cmd_vel", "msg": "geometry_msgs.Twist"}],
             "subscribes": [{"topic": "chatter", "msg": "std_msgs.String"}],
         }

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["info", "list_nodes", "written_info", "written_list"]
 
+# Ways inside one host, which every node has: of no use to a reader.
+_SAME_HOST = ("unix://", "shm://")
+
 
 def list_nodes(
     filter: FilterArgument = "",  # noqa: A002
@@ -65,7 +68,7 @@ def written_info(found: ros.GetNodeInfoResponse, style: Style) -> str:
 
 def _readable_info(found: ros.GetNodeInfoResponse) -> str:
     # That it can be reached by a Unix socket on its own host is nothing to look at.
-    others = [item for item in found.node_info.addresses if not item.startswith("unix://")]
+    others = [item for item in found.node_info.addresses if not item.startswith(_SAME_HOST)]
     further = f" (also {', '.join(others)})" if others else ""
     lines = [
         f"Node: {found.node_info.node_name}",
