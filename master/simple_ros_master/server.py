@@ -27,7 +27,7 @@ DEFAULT_PORT = 50051
 
 _OPTIONS: list[tuple[str, Any]] = [
     ("grpc.so_reuseport", 0),
-    # A host that vanished loses its lease within five seconds.
+    # A host that vanished loses its lease within six seconds.
     ("grpc.keepalive_time_ms", 3000),
     ("grpc.keepalive_timeout_ms", 2500),
     ("grpc.http2.ping_timeout_ms", 3000),

@@ -54,6 +54,20 @@ def command(
     exclude: Annotated[
         str | None, typer.Option(metavar="REGEX", help="But not topics that fit this.")
     ] = None,
+    client_topics: Annotated[
+        str | None,
+        typer.Option(metavar="REGEX", help="Clients publish only topics that fit."),
+    ] = None,
+    services: Annotated[
+        str | None, typer.Option(metavar="REGEX", help="Only services that fit.")
+    ] = None,
+    parameters: Annotated[
+        str | None, typer.Option(metavar="REGEX", help="Only parameters that fit.")
+    ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CAPABILITY", help="Do not offer services, say, or clientPublish."),
+    ] = None,
     read_only: Annotated[
         bool, typer.Option("--read-only", help="Clients change nothing: they only look.")
     ] = False,
@@ -84,10 +98,19 @@ def command(
     send_buffer_limit: Annotated[
         str, typer.Option(metavar="SIZE", help="How much may wait for each client.")
     ] = "16MiB",
+    compress: Annotated[
+        bool, typer.Option("--compress", help="For slow links; it costs much computing.")
+    ] = False,
     asset_root: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=DIR", help="Serve package://NAME/... from this directory."),
     ] = None,
+    assets: Annotated[
+        str | None, typer.Option(metavar="REGEX", help="Serve only files whose URI fits.")
+    ] = None,
+    frame: Annotated[
+        str, typer.Option(metavar="FRAME", help="The frame of messages that name none.")
+    ] = "world",
     service_timeout: Annotated[
         float, typer.Option(metavar="S", min=0.001, help="After this a call has failed.")
     ] = 60.0,
@@ -127,14 +150,26 @@ def command(
 
     if bag is None and (loop or paused or rate != 1.0):
         raise typer.BadParameter("--rate, --loop and --start-paused are for --bag")
+    if not frame.strip("/"):
+        raise typer.BadParameter("--frame wants the name of a frame")
     server = ServerOptions(
         access=Access.made(
-            topics, exclude, read_only=read_only, token=token, origins=allow_origin or ()
+            topics,
+            exclude,
+            client_topics=client_topics,
+            services=services,
+            parameters=parameters,
+            without=without or (),
+            read_only=read_only,
+            token=token,
+            origins=allow_origin or (),
         ),
         buffer_bytes=size_of(send_buffer_limit),
         rates=TopicLimits.made(max_rate or (), "--max-rate"),
         depths=TopicLimits.made(queue or (), "--queue", whole=True),
         metadata={"simple_ros": version("simple-ros")},
+        frame_id=frame.removeprefix("/"),
+        compress=compress,
     )
     tls = None if tls_cert is None else tls_context(tls_cert, tls_key)
     if tls_cert is None and tls_key is not None:
@@ -144,7 +179,7 @@ def command(
         files = bag_files(bag)
         aio.run(_play(files, server, PlaybackOptions(rate, loop, paused), where))
     else:
-        options = BridgeOptions(server, AssetRoots.made(asset_root or ()), service_timeout)
+        options = BridgeOptions(server, AssetRoots.made(asset_root or (), assets), service_timeout)
         aio.run(_bridge(options, where, master))
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hmac
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from simple_ros.bag.plan import TopicSelection
-from simple_ros.foxglove.frames import SUBPROTOCOLS
+from simple_ros.errors import ConfigError
+from simple_ros.foxglove.frames import CAPABILITIES, SUBPROTOCOLS
 
 __all__ = ["APP_ORIGINS", "Access", "Headers", "Refusal"]
 
@@ -21,6 +22,8 @@ APP_ORIGINS = frozenset(
         "file://",  # the desktop apps; no web page has this origin
     }
 )
+_CHANGING = frozenset({"clientPublish", "services"})
+_EVERYTHING = TopicSelection(every=True)
 _LOCAL_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
@@ -45,13 +48,21 @@ class Access:
 
     Attributes:
         selection: The topics that clients see and may publish.
+        client_topics: Those of them that they may publish.
+        services: The services that they see and may call.
+        parameters: The parameters that they see and may set.
+        withheld: Capabilities that are not offered at all.
         read_only: Whether clients may neither publish nor call services nor set parameters.
         token: What clients must know; None for nothing.
         origins: Web pages that may connect beside those of this host and `APP_ORIGINS`, as
             ``https://host:port``; ``*`` allows all.
     """
 
-    selection: TopicSelection = field(default_factory=lambda: TopicSelection(every=True))
+    selection: TopicSelection = field(default=_EVERYTHING)
+    client_topics: TopicSelection = field(default=_EVERYTHING)
+    services: TopicSelection = field(default=_EVERYTHING)
+    parameters: TopicSelection = field(default=_EVERYTHING)
+    withheld: frozenset[str] = frozenset()
     read_only: bool = False
     token: str | None = None
     origins: tuple[str, ...] = ()
@@ -62,6 +73,10 @@ class Access:
         topics: str | None = None,
         exclude: str | None = None,
         *,
+        client_topics: str | None = None,
+        services: str | None = None,
+        parameters: str | None = None,
+        without: Collection[str] = (),
         read_only: bool = False,
         token: str | None = None,
         origins: Sequence[str] = (),
@@ -71,20 +86,45 @@ class Access:
         Args:
             topics: Regular expression of the topics that are shown; None for all.
             exclude: Regular expression of topics that are not.
+            client_topics: Regular expression of the topics that clients may publish; None for all
+                that are shown.
+            services: Regular expression of the services that are shown; None for all.
+            parameters: Regular expression of the parameters that are shown; None for all.
+            without: Capabilities that are withheld.
             read_only: As above.
             token: As above; empty is None.
             origins: As above.
 
         Raises:
-            ConfigError: A pattern is no regular expression.
+            ConfigError: A pattern is no regular expression, or there is no such capability.
         """
-        selection = TopicSelection.made(every=topics is None, pattern=topics, exclude=exclude)
-        plain = tuple(origin.rstrip("/").lower() for origin in origins)
-        return cls(selection, read_only, token or None, plain)
+        unknown = sorted(set(without) - CAPABILITIES)
+        if unknown:
+            known = ", ".join(sorted(CAPABILITIES))
+            raise ConfigError(f"there is no capability {unknown[0]!r}; there are {known}")
+        return cls(
+            TopicSelection.made(every=topics is None, pattern=topics, exclude=exclude),
+            _fitting(client_topics),
+            _fitting(services),
+            _fitting(parameters),
+            _with_what_needs_it(without),
+            read_only,
+            token or None,
+            tuple(origin.rstrip("/").lower() for origin in origins),
+        )
+
+    @property
+    def hidden(self) -> frozenset[str]:
+        """Capabilities that no client has."""
+        return self.withheld | _CHANGING if self.read_only else self.withheld
 
     def wants(self, topic: str) -> bool:
-        """Whether a topic is shown and may be published."""
+        """Whether a topic is shown."""
         return self.selection.wants(topic)
+
+    def lets_publish(self, topic: str) -> bool:
+        """Whether clients may publish a topic."""
+        return self.selection.wants(topic) and self.client_topics.wants(topic)
 
     def refusal(self, path: str, headers: Headers) -> Refusal | None:
         """Why a request to connect is refused; None if it is not."""
@@ -122,6 +162,16 @@ class Access:
         given += parse_qs(urlsplit(path).query).get("token", [])
         wanted = token.encode("utf-8", "replace")
         return any(hmac.compare_digest(text.encode("utf-8", "replace"), wanted) for text in given)
+
+
+def _with_what_needs_it(capabilities: Collection[str]) -> frozenset[str]:
+    needing = ("parametersSubscribe",) if "parameters" in capabilities else ()
+    return frozenset((*capabilities, *needing))
+
+
+def _fitting(pattern: str | None) -> TopicSelection:
+    """What fits a regular expression; everything for None."""
+    return TopicSelection.made(every=pattern is None, pattern=pattern)
 
 
 def chosen_subprotocol(headers: Headers) -> str | None:

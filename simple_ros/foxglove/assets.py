@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+from simple_ros.bag.plan import pattern_of
 from simple_ros.errors import ConfigError
 from simple_ros.foxglove.errors import AssetRefused
 
@@ -19,23 +21,29 @@ class AssetRoots:
 
     Args:
         roots: Directories by package name.
+        pattern: Only files whose URI fits, somewhere in it; None for all.
 
     Raises:
         ConfigError: One is no directory.
     """
 
-    def __init__(self, roots: Mapping[str, Path]) -> None:
+    def __init__(self, roots: Mapping[str, Path], pattern: re.Pattern[str] | None = None) -> None:
         for name, root in roots.items():
             if not root.is_dir():
                 raise ConfigError(f"the asset root of {name!r}, {root}, is no directory")
         self._roots = {name: root.resolve() for name, root in roots.items()}
+        self._pattern = pattern
 
     @classmethod
-    def made(cls, texts: Sequence[str]) -> AssetRoots:
-        """Roots as a user writes them, ``NAME=DIRECTORY`` each.
+    def made(cls, texts: Sequence[str], pattern: str | None = None) -> AssetRoots:
+        """Roots as a user writes them.
+
+        Args:
+            texts: ``NAME=DIRECTORY`` each.
+            pattern: Regular expression of the URIs that are served; None for all.
 
         Raises:
-            ConfigError: A text is none, or names no directory.
+            ConfigError: A text is none, or names no directory, or the pattern is no regular expression.
         """
         roots = {}
         for text in texts:
@@ -43,7 +51,7 @@ class AssetRoots:
             if not (name and there and directory):
                 raise ConfigError(f"--asset-root wants NAME=DIRECTORY, not {text!r}")
             roots[name] = Path(directory).expanduser()
-        return cls(roots)
+        return cls(roots, pattern_of(pattern, "the pattern of assets"))
 
     def __bool__(self) -> bool:
         return bool(self._roots)
@@ -72,6 +80,8 @@ class AssetRoots:
             raise AssetRefused(uri, f"no URI ({error})") from None
         if parts.scheme != "package":
             raise AssetRefused(uri, "only package:// is served")
+        if self._pattern is not None and not self._pattern.search(uri):
+            raise AssetRefused(uri, "it is not among the assets that are served")
         root = self._roots.get(parts.netloc)
         if root is None:
             known = ", ".join(sorted(self._roots)) or "none"

@@ -38,7 +38,7 @@ from simple_ros.foxglove.server import FoxgloveServer, ServerOptions
 from simple_ros.foxglove.services import DEFAULT_TIMEOUT_S, Services, message_names
 from simple_ros.foxglove.topics import Topics
 from simple_ros.foxglove.type_book import TypeBook
-from simple_ros.graph import GraphChange, GraphSnapshot
+from simple_ros.graph import GraphChange, GraphService, GraphSnapshot
 from simple_ros.graph_source import fetch_graph
 from simple_ros.net.master_client import ForeignMaster
 from simple_ros.node import NodeHandle
@@ -84,11 +84,9 @@ class Bridge:
 
     def __init__(self, node: NodeHandle, options: BridgeOptions) -> None:
         access = options.server.access
-        hidden = {"playbackControl"}
-        if access.read_only:
-            hidden |= {"clientPublish", "services"}
+        hidden = access.hidden | {"playbackControl"}
         if not options.assets:
-            hidden.add("assets")
+            hidden |= {"assets"}
         self._node = node
         self._clock = Clock.attach(node)
         self.server = FoxgloveServer(options.server, CAPABILITIES - hidden, self._now_ns)
@@ -102,7 +100,7 @@ class Bridge:
         self._publishers = ClientPublishers(node, self._types, self._graph, access)
         timeout_s = options.service_timeout_s
         self._services = Services(node, self.server, self._types, timeout_s)
-        self._parameters = ParameterDesk(node, self.server, read_only=access.read_only)
+        self._parameters = ParameterDesk(node, self.server, access)
         self.server.on_gone = self._services.forget
         self._changed = asyncio.Event()
         self._settled_at = -math.inf
@@ -182,10 +180,14 @@ class Bridge:
             wanted = {topic: kind for topic, kind in published.items() if self._access.wants(topic)}
             await self._topics.sync(wanted)
             await self._topics.follow_wishes(self._graph.publishers_of)
-            if not self._access.read_only:
-                await self._services.sync(self._graph.services)
+            if "services" not in self._access.hidden:
+                await self._services.sync(self._shown_services())
             self._forget_types(wanted.values())
             self._tell_graph()
+
+    def _shown_services(self) -> dict[str, GraphService]:
+        wants = self._access.services.wants
+        return {name: item for name, item in self._graph.services.items() if wants(name)}
 
     def _forget_types(self, used: Iterable[str]) -> None:
         services = self._graph.services.values()
@@ -193,7 +195,7 @@ class Bridge:
         self._types.keep_only({*used, *called})
 
     def _tell_graph(self) -> None:
-        connections = self._graph.connections(self._access.wants)
+        connections = self._graph.connections(self._access.wants, self._access.services.wants)
         frame = difference(self._connections, connections)
         self._connections = connections
         if frame is not None:
@@ -235,26 +237,36 @@ class Bridge:
             data = await loop.run_in_executor(None, self._assets.read, event.uri)
         except AssetRefused as error:
             client.session.refuse_asset(event.request_id, str(error))
+            # Apps draw nothing where a mesh is missing, and do not say why.
+            client.session.complain(str(error), Level.WARNING)
         else:
             client.session.send_asset(event.request_id, data)
         client.process()
 
 
 async def _graph_of(node: NodeHandle) -> AsyncIterator[GraphSnapshot | GraphChange | None]:
-    """The graph and its changes, from Masters of any kind; None when none answers, which is waited for.
-
-    A C++ Master, which tells no changes, is asked every second.
-    """
+    """The graph and its changes, from Masters of any kind; None when none answers, which is waited for."""
     while True:
         try:
-            async for item in node.client.watch_graph():
+            async for item in _told_by_master(node):
                 yield item
-        except ForeignMaster:
-            with contextlib.suppress(MasterUnavailable):
-                while True:
-                    yield await fetch_graph(node.client)
-                    await asyncio.sleep(_POLL_S)
-        except (MasterUnavailable, grpc.aio.AioRpcError) as error:
+        except (MasterUnavailable, ForeignMaster, grpc.aio.AioRpcError) as error:
             logger.debug("%s", error)
+        except asyncio.CancelledError:
+            # gRPC says so, too, when its channel is closed: a node does that when it changes Masters.
+            task = asyncio.current_task()
+            if task is None or task.cancelling():
+                raise
         yield None
         await asyncio.sleep(_RETRY_S)
+
+
+async def _told_by_master(node: NodeHandle) -> AsyncIterator[GraphSnapshot | GraphChange]:
+    """What the Master tells until it goes; a C++ Master, which tells no changes, is asked every second."""
+    try:
+        async for item in node.client.watch_graph():
+            yield item
+    except ForeignMaster:
+        while True:
+            yield await fetch_graph(node.client)
+            await asyncio.sleep(_POLL_S)

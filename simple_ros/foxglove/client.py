@@ -212,7 +212,7 @@ class Client:
     def reset_time(self, server_info: str) -> None:
         """Time went back: let the client forget what it showed."""
         self.jump()
-        self.session.say(server_info)
+        self.session.begin_again(server_info)
         self.process()
 
     # -- writing -------------------------------------------------------------------------------
@@ -247,6 +247,12 @@ class Client:
             size += len(data)
         self._sent += len(batch)
         self._sent_bytes += size
+        if self._connection.compresses:
+            # Compressing is the library's, frame by frame: the last byte of a head is the message's first.
+            for begin in range(0, len(parts), 4):
+                head, *rest = parts[begin : begin + 4]
+                self._connection.send(b"".join((head[-1:], *rest)))
+            return
         large = size > _LARGE_BYTES * len(batch)
         self._connection.send_raw(parts if large else (b"".join(parts),))
 

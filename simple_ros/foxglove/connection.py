@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from websockets.exceptions import InvalidState
+from websockets.extensions.permessage_deflate import ServerPerMessageDeflateFactory
 from websockets.frames import Frame, Opcode
 from websockets.http11 import Request
 from websockets.protocol import OPEN
@@ -56,10 +57,12 @@ class Connection(asyncio.Protocol):
         refusal: Tells why a request to connect is refused, or None.
         accepted: Called when the connection stands; gives what its messages are brought to.
         loop: The event loop.
+        compress: Whether to compress for clients that can bear it.
 
     Attributes:
         peer: Address of the client, for people.
         subprotocol: Which was agreed on.
+        compresses: Whether compression was agreed on, too.
     """
 
     def __init__(
@@ -67,16 +70,20 @@ class Connection(asyncio.Protocol):
         refusal: Callable[[Request], Refusal | None],
         accepted: Callable[[Connection], Receiver],
         loop: asyncio.AbstractEventLoop,
+        *,
+        compress: bool = False,
     ) -> None:
         self.peer = ""
         self._takes_more = False
         self.subprotocol = ""
+        self.compresses = False
         self._refusal = refusal
         self._accepted = accepted
         self._loop = loop
         self._protocol = ServerProtocol(
             subprotocols=[Subprotocol(name) for name in SUBPROTOCOLS],
             max_size=MAX_MESSAGE_BYTES,
+            extensions=[ServerPerMessageDeflateFactory()] if compress else None,
         )
         self._transport: asyncio.Transport | None = None
         self._receiver: Receiver | None = None
@@ -156,6 +163,7 @@ class Connection(asyncio.Protocol):
         self._flush()
         if self._protocol.state is OPEN:
             self.subprotocol = str(self._protocol.subprotocol)
+            self.compresses = bool(self._protocol.extensions)
             self._takes_more = True
             self._set_timer(_PING_S, self._ping)
             self._receiver = self._accepted(self)

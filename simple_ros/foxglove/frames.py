@@ -87,6 +87,8 @@ class Channel:
         encoding: Of its messages.
         schema_encoding: ``"protobuf"``: base64 of a ``FileDescriptorSet``; ``"jsonschema"``: JSON.
         metadata: Further facts, for clients of ``foxglove.sdk.v1``.
+        recorded_as: Type and ``FileDescriptorSet`` under which recordings keep its messages; None for
+            those that clients see.
     """
 
     id: int
@@ -96,6 +98,7 @@ class Channel:
     encoding: str = "protobuf"
     schema_encoding: str = "protobuf"
     metadata: Mapping[str, str] = field(default_factory=dict)
+    recorded_as: tuple[str, bytes] | None = None
 
 
 @dataclass(frozen=True, slots=True)

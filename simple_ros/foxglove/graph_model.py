@@ -132,10 +132,16 @@ class GraphModel:
         """Names of the nodes that publish a topic."""
         return frozenset(self._publishers.get(TopicKey(canonical(topic), msg_type), ()))
 
-    def connections(self, wants: Callable[[str], bool]) -> ConnectionGraph:
-        """Who is linked to whom by the topics that are wanted."""
+    def connections(
+        self,
+        wants: Callable[[str], bool],
+        wants_service: Callable[[str], bool] = lambda _: True,
+    ) -> ConnectionGraph:
+        """Who is linked to whom by the topics and services that are wanted."""
         services: Ends = {
-            shown(name): (shown(item.node),) for name, item in sorted(self.services.items())
+            shown(name): (shown(item.node),)
+            for name, item in sorted(self.services.items())
+            if wants_service(name)
         }
         return ConnectionGraph(
             _by_topic(self._publishers, wants), _by_topic(self._subscribers, wants), services

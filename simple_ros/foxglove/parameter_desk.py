@@ -11,6 +11,7 @@ import grpc
 
 from simple_ros.errors import SimpleRosError
 from simple_ros.foxglove import frames
+from simple_ros.foxglove.access import Access
 from simple_ros.foxglove.client import Client
 from simple_ros.foxglove.errors import one_line
 from simple_ros.foxglove.events import ParametersSet, ParametersWanted
@@ -36,13 +37,13 @@ class ParameterDesk:
     Args:
         node: Whose Master is asked.
         server: Whose clients are told of changes.
-        read_only: Whether nobody may set any.
+        access: Which are shown, and whether they may be set.
     """
 
-    def __init__(self, node: NodeHandle, server: FoxgloveServer, *, read_only: bool) -> None:
+    def __init__(self, node: NodeHandle, server: FoxgloveServer, access: Access) -> None:
         self._node = node
         self._server = server
-        self._read_only = read_only
+        self._access = access
         self._watch: ParameterWatch | None = None
         self._last: dict[Client, asyncio.Task[None]] = {}
 
@@ -54,6 +55,8 @@ class ParameterDesk:
             logger.info("no parameters: %s", error)
 
     def _changed(self, change: ParameterChanged) -> None:
+        if not self._access.parameters.wants(change.name):
+            return
         frame = frames.parameter_values([to_protocol(change.name, change.value)])
         self._server.say_if(lambda session: session.wants_parameter(change.name), frame)
 
@@ -93,16 +96,23 @@ class ParameterDesk:
         calls = ParameterCalls(self._node.client)
         try:
             if names is None:
-                return {item.name: item.value for item in await calls.describe("")}
+                wants = self._access.parameters.wants
+                described = await calls.describe("")
+                return {item.name: item.value for item in described if wants(item.name)}
             found: dict[str, Value] = {}
             for name in names:
                 found |= await self._value(calls, canonical(name))
             return found
+        except ForeignMaster:
+            # Apps ask every 15 s: that a C++ Master keeps no parameters is no error each time.
+            return {}
         except (SimpleRosError, grpc.aio.AioRpcError) as error:
             self._complain(client, f"Parameters cannot be read: {one_line(error)}")
             return {}
 
     async def _value(self, calls: ParameterCalls, name: str) -> dict[str, Value]:
+        if not self._access.parameters.wants(name):
+            return {}
         try:
             return await calls.get(name)
         except UnknownParameter:
@@ -125,10 +135,12 @@ class ParameterDesk:
 
     async def _set_one(self, given: Mapping[str, Any]) -> bool:
         """Set or delete a parameter; whether it is different now."""
-        if self._read_only:
+        if self._access.read_only:
             raise ReadOnlyBridge
         calls = ParameterCalls(self._node.client)
         name = parameter_name(given["name"])
+        if not self._access.parameters.wants(name):
+            raise UnknownParameter(name, "it is not shown here")
         if given.get("value") is None:
             await calls.delete(name)
             return True

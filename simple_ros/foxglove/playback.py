@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from simple_ros.bag.errors import NothingToPlay
+from simple_ros.bag.errors import BagDamaged, NothingToPlay
 from simple_ros.bag.messages import BagMessage, Topic
 from simple_ros.bag.ordering import in_order
 from simple_ros.bag.read_ahead import ReadAhead
@@ -14,8 +15,10 @@ from simple_ros.bag.reader import Bag
 from simple_ros.bag.timeline import Timeline
 from simple_ros.foxglove import frames
 from simple_ros.foxglove.client import Client
+from simple_ros.foxglove.errors import one_line
 from simple_ros.foxglove.events import ChannelWanted, Event, PlaybackWanted
 from simple_ros.foxglove.frames import PlaybackState, Playing
+from simple_ros.foxglove.look_back import LookBack
 from simple_ros.foxglove.requests import PlaybackControl
 from simple_ros.foxglove.server import FoxgloveServer, ServerOptions
 from simple_ros.foxglove.shown_topic import ShownTopic
@@ -73,14 +76,23 @@ class BagPlayback:
         self._has_begun = options.paused
         self._has_ended = False
         self._jump_ns: int | None = None
+        self._jumps = 0
+        self._played_ns = self._begin_ns
+        self._look_back = LookBack(bag.path for bag in self._bags)
         self._woken = asyncio.Event()
+        self._settled = asyncio.Event()
+        self._settled.set()
         self._tasks: set[asyncio.Task[None]] = set()
         self.server = FoxgloveServer(
-            server, ("time", "playbackControl"), self._now_ns, (self._begin_ns, self._end_ns)
+            server,
+            {"time", "playbackControl"} - server.access.hidden,
+            self._now_ns,
+            (self._begin_ns, self._end_ns),
         )
         self.server.on_event = self._event
         self.server.on_client = self._client_came
-        self._shown: dict[int, ShownTopic] = {}
+        self._shown: dict[tuple[str, str], ShownTopic] = {}
+        self._said: Counter[str] = Counter()
         self._by_channel: dict[int, ShownTopic] = {}
         self._latched: set[str] = set()
         self._offer()
@@ -97,7 +109,7 @@ class BagPlayback:
             if item is None:
                 item = ShownTopic(self.server, topic.name, topic.msg_type, topic.definition, names)
                 made[topic.name] = item
-            self._shown[id(topic)] = item
+            self._shown[topic.name, topic.msg_type] = item
             self._by_channel |= dict.fromkeys(item.channels, item)
             if topic.is_latched:
                 self._latched.add(topic.name)
@@ -147,8 +159,9 @@ class BagPlayback:
                 self._control(client, control)
             case ChannelWanted(channel):
                 item = self._by_channel.get(channel)
-                if item is not None and item.topic in self._latched:
-                    task = self._loop.create_task(self._replay(client, channel, item))
+                if item is not None:
+                    state = self._jumps, self._said[item.topic]
+                    task = self._loop.create_task(self._replay(client, channel, item, state))
                     self._tasks.add(task)
                     task.add_done_callback(self._tasks.discard)
 
@@ -179,20 +192,55 @@ class BagPlayback:
 
     def _seek(self, stamp_ns: int) -> None:
         self._jump_ns = min(max(stamp_ns, self._begin_ns), self._end_ns)
+        self._played_ns = self._jump_ns + 1
+        self._jumps += 1
+        self._settled.clear()
         self._timeline.seek(self._jump_ns, self._loop.time())
         self._has_ended = False
         self.server.time_jumped()
-        for item in set(self._shown.values()):
+        self._restart()
+
+    def _restart(self) -> None:
+        for item in self._shown.values():
             item.restart()
 
     def _resume(self) -> None:
         self._timeline.resume(self._loop.time())
         self._woken.set()
 
-    async def _replay(self, client: Client, channel: int, item: ShownTopic) -> None:
-        now = self._now_ns()
-        found = await self._loop.run_in_executor(None, self._last_before, {item.topic}, now)
-        item.publish_to(client, channel, [(message.data, message.log_time) for message in found])
+    # -- what was said before ------------------------------------------------------------------
+
+    async def _before(self, topics: set[str]) -> list[BagMessage]:
+        """What topics said last before what is to come."""
+        find = self._look_back.find
+        return await self._loop.run_in_executor(None, find, topics, self._latched, self._played_ns)
+
+    async def _replay(
+        self, client: Client, channel: int, item: ShownTopic, state: tuple[int, int]
+    ) -> None:
+        """Give a client that subscribed what stood then, unless it was told more since."""
+        await self._settled.wait()
+        try:
+            found = await self._before({item.topic})
+        except BagDamaged as error:
+            client.session.complain(one_line(error))
+            client.process()
+            return
+        if state == (self._jumps, self._said[item.topic]):
+            known = [message for message in found if self._shown_as(message) is item]
+            item.publish_to(
+                client, channel, [(message.data, message.log_time) for message in known]
+            )
+
+    async def _show_what_stood(self) -> None:
+        """After a jump, tell what stands there, as if it had been played up to there."""
+        wanted = {item.topic for item in self._shown.values() if item.is_wanted}
+        for message in await self._before(wanted | self._latched):
+            # Whoever jumps again meanwhile must not see this any more.
+            if self._jump_ns is None:
+                self._publish(message)
+        if self._jump_ns is None:
+            self._settled.set()
 
     # -- playing -------------------------------------------------------------------------------
 
@@ -202,46 +250,45 @@ class BagPlayback:
         Raises:
             BagDamaged: A part of a bag cannot be read.
         """
-        begin: int | None = self._begin_ns
         try:
             while True:
-                begin = await self._play_from(self._begin_ns if begin is None else begin)
-                if begin is None and not self._options.loop:
-                    begin = await self._wait_at_end()
-                elif begin is None:
+                if await self._play() and self._options.loop:
                     self._timeline.seek(self._begin_ns, self._loop.time())
+                    self._played_ns = self._begin_ns
+                    self._restart()
                     self.server.reset_session()
+                    continue
+                await self._until_jump()
+                self._jump_ns = None
+                await self._show_what_stood()
         finally:
             for task in list(self._tasks):
                 task.cancel()
             await asyncio.gather(*self._tasks, return_exceptions=True)
+            await self._loop.run_in_executor(None, self._look_back.close)
 
-    async def _wait_at_end(self) -> int:
-        self._has_ended = True
-        self._timeline.pause(self._loop.time())
-        self._timeline.seek(self._end_ns, self._loop.time())
-        self._tell_state()
+    async def _until_jump(self) -> None:
+        """Return when a client went elsewhere; at the end of the bags that is waited for."""
+        if self._jump_ns is None:
+            self._has_ended = True
+            self._timeline.pause(self._loop.time())
+            self._timeline.seek(self._end_ns, self._loop.time())
+            self._tell_state()
         while self._jump_ns is None:
             self._woken.clear()
             await self._woken.wait()
-        return self._jump_ns
 
-    async def _play_from(self, begin_ns: int) -> int | None:
-        """Play from a bag time; gives where to go on after a jump, None at the end."""
-        self._jump_ns = None
-        latched = await self._loop.run_in_executor(None, self._last_before, self._latched, begin_ns)
-        for earlier in latched:
-            self._publish(earlier)
-        ahead = ReadAhead(self._read(begin_ns))
+    async def _play(self) -> bool:
+        """Play what has not been played; whether that came to the end, and not to a jump."""
+        ahead = ReadAhead(self._read(self._played_ns))
         try:
             while (message := await ahead.peek()) is not None:
                 if not await self._wait_for(message.log_time):
-                    return self._jump_ns
+                    return False
                 self._publish_due(ahead)
                 # A bag at full speed must leave its turn to the clients.
                 await asyncio.sleep(0)
-            await self._wait_for(self._end_ns)
-            return self._jump_ns
+            return await self._wait_for(self._end_ns)
         finally:
             await ahead.close()
 
@@ -254,9 +301,14 @@ class BagPlayback:
             ahead.take()
             self._publish(message)
 
+    def _shown_as(self, message: BagMessage) -> ShownTopic | None:
+        return self._shown.get((message.topic.name, message.topic.msg_type))
+
     def _publish(self, message: BagMessage) -> None:
-        item = self._shown.get(id(message.topic))
+        self._played_ns = max(self._played_ns, message.log_time + 1)
+        item = self._shown_as(message)
         if item is not None:
+            self._said[item.topic] += 1
             item.publish(message.log_time, [message.data])
 
     async def _wait_for(self, stamp_ns: int) -> bool:
@@ -281,12 +333,3 @@ class BagPlayback:
                 self._bags, lambda bag: bag.messages(names, start_ns=begin_ns)
             )
         )
-
-    def _last_before(self, names: set[str], stamp_ns: int) -> list[BagMessage]:
-        found: dict[str, BagMessage] = {}
-        for bag in self._bags:
-            for message in bag.last_before(names, stamp_ns):
-                known = found.get(message.topic.name)
-                if known is None or known.log_time <= message.log_time:
-                    found[message.topic.name] = message
-        return sorted(found.values(), key=lambda message: message.log_time)

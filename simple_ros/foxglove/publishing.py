@@ -122,7 +122,7 @@ class ClientPublishers:
         channel = outlet.channel
         try:
             topic = topic_name(channel.topic)
-            if not self._access.wants(topic):
+            if not self._access.lets_publish(topic):
                 raise PublishRefused("this server does not let clients publish it")
             known = await self._types.find(self._type_for(channel, topic))
             outlet.message_class = known.message_class
@@ -147,9 +147,10 @@ class ClientPublishers:
             if used is None:
                 raise PublishRefused("it has no type yet, and no schemaName was given")
             return used
-        if used is not None and used != given:
+        # Another program may publish under the very name that panels know, say `ros.pkg.Type`.
+        if used is not None and used not in (given, channel.schema_name):
             raise PublishRefused(f"{shown(topic)} carries {used}, not {given}")
-        return given
+        return used or given
 
     async def _meet(self, publisher: Publisher[Any]) -> None:
         """Wait a little for the subscribers there are: a single message must reach them."""

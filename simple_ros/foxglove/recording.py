@@ -10,7 +10,6 @@ from pathlib import Path
 
 from simple_ros.bag.series import BagSeries, RecordedTopic, SeriesOptions
 from simple_ros.bag.writing_thread import WritingThread
-from simple_ros.foxglove.convert.ros_names import as_published
 from simple_ros.foxglove.frames import Channel
 from simple_ros.names import canonical
 
@@ -42,10 +41,10 @@ class Recording:
         """Messages of one channel came at one time."""
         topic = self._topics.get(channel.id)
         if topic is None:
-            definition = base64.b64decode(channel.schema)
-            topic = RecordedTopic(
-                canonical(channel.topic), *as_published(channel.schema_name, definition)
-            )
+            kept = channel.recorded_as
+            if kept is None:
+                kept = channel.schema_name, base64.b64decode(channel.schema)
+            topic = RecordedTopic(canonical(channel.topic), *kept)
             self._topics[channel.id] = topic
         if self._thread.put(topic, stamp_ns, payloads):
             topic.received += len(payloads)

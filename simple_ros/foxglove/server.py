@@ -23,6 +23,7 @@ from simple_ros.foxglove.access import Access, Refusal
 from simple_ros.foxglove.catalog import Catalog
 from simple_ros.foxglove.client import Client, ClientStatistics
 from simple_ros.foxglove.connection import Connection
+from simple_ros.foxglove.convert import DEFAULT_FRAME
 from simple_ros.foxglove.errors import CannotListen
 from simple_ros.foxglove.events import ChannelUnwanted, ChannelWanted, Event
 from simple_ros.foxglove.frames import Channel, Level, Schema, Service
@@ -65,6 +66,8 @@ class ServerOptions:
         rates: How often messages of a topic are sent, in Hz.
         depths: How many messages of a topic wait for a client, the newest.
         metadata: Told to clients.
+        frame_id: The frame of messages that name none, where panels need one.
+        compress: Whether to compress what is sent, for slow links: it costs much computing.
     """
 
     name: str = "simple_ros"
@@ -73,6 +76,8 @@ class ServerOptions:
     rates: TopicLimits = field(default_factory=TopicLimits)
     depths: TopicLimits = field(default_factory=TopicLimits)
     metadata: Mapping[str, str] = field(default_factory=dict)
+    frame_id: str = DEFAULT_FRAME
+    compress: bool = False
 
 
 def tls_context(certificate: Path, key: Path | None = None) -> ssl.SSLContext:
@@ -164,6 +169,7 @@ class FoxgloveServer:
                 self._refusal,
                 self._accepted,
                 loop,
+                compress=self.options.compress,
             )
 
         try:
@@ -289,6 +295,7 @@ class FoxgloveServer:
         encoding: str = "protobuf",
         schema_encoding: str = "protobuf",
         metadata: Mapping[str, str] | None = None,
+        recorded_as: tuple[str, bytes] | None = None,
     ) -> Channel:
         """Offer a channel; for the arguments see `Channel`."""
         channel = self.catalog.add_channel(
@@ -298,6 +305,7 @@ class FoxgloveServer:
             encoding=encoding,
             schema_encoding=schema_encoding,
             metadata=metadata,
+            recorded_as=recorded_as,
         )
         rate = self.options.rates.of(topic)
         if rate is not None:

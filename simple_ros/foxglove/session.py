@@ -134,6 +134,14 @@ class Session:
         self.offer_channels(list(self._catalog.channels.values()))
         self.offer_services(list(self._catalog.services.values()))
 
+    def begin_again(self, server_info: str) -> None:
+        """Let the client forget what it showed; what it is subscribed to stays.
+
+        Apps forget the types of channels, too, so these are offered once more, just as they were.
+        """
+        self._frames.append(server_info)
+        self.offer_channels(list(self._catalog.channels.values()))
+
     def complain(self, message: str, level: Level = Level.ERROR) -> None:
         """Tell the client that something is wrong."""
         self.refused += 1

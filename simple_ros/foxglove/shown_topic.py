@@ -49,7 +49,12 @@ class ShownTopic:
         self._complete = completion_for(msg_type)
         self._guard = CallbackGuard(f"the conversion of {topic!r}")
         schema_name, schema = as_shown(msg_type, definition)
-        self._channel = server.add_channel(shown(topic), schema_name, schema_text(schema))
+        self._channel = server.add_channel(
+            shown(topic),
+            schema_name,
+            schema_text(schema),
+            recorded_as=None if schema_name == msg_type else (msg_type, definition),
+        )
         self._taken = taken
         self._converters = self._made()
         self.derived_names = frozenset(topic + converter.suffix for converter in self._converters)
@@ -123,9 +128,12 @@ class ShownTopic:
                 self._guard.failed(error)
         return whole
 
+    def _context(self, stamp_ns: int) -> Context:
+        return Context(stamp_ns, shown(self.topic), self._server.options.frame_id)
+
     def _converted(self, converter: Converter, payload: bytes, stamp_ns: int) -> bytes | None:
         try:
-            return converter.convert(payload, Context(stamp_ns, shown(self.topic)))
+            return converter.convert(payload, self._context(stamp_ns))
         except Exception as error:
             # One bad message must not end the subscription; the guard counts and logs it.
             self._guard.failed(error)

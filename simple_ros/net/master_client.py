@@ -196,9 +196,7 @@ class MasterClient:
         except grpc.aio.AioRpcError as error:
             raise self._translated(error) from None
         except asyncio.CancelledError:
-            # gRPC says the same when its channel is closed and when this task is cancelled.
-            task = asyncio.current_task()
-            if task is not None and task.cancelling():
+            if _is_cancelled():
                 raise
             raise MasterUnavailable(self.address, "connection closed") from None
         return response
@@ -329,6 +327,10 @@ class MasterClient:
                 yield response
         except grpc.aio.AioRpcError as error:
             raise self._translated(error) from None
+        except asyncio.CancelledError:
+            if _is_cancelled():
+                raise
+            raise MasterUnavailable(self.address, "connection closed") from None
         finally:
             call.cancel()
 
@@ -353,3 +355,9 @@ class MasterClient:
             stood = state is grpc.ChannelConnectivity.READY
             await self._channel.wait_for_state_change(state)
             state = self._channel.get_state(try_to_connect=True)
+
+
+def _is_cancelled() -> bool:
+    """Whether it is this task that is cancelled; gRPC says the same when its channel is closed."""
+    task = asyncio.current_task()
+    return task is not None and task.cancelling() > 0

@@ -5,17 +5,23 @@ import contextlib
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from google.protobuf import descriptor_pb2
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from support.cli import flowing, register
+from support.foreign_master import ForeignMaster
 from support.foxglove import bridged, connected
 from support.waiting import until
 
 from simple_ros import aio
-from simple_ros.foxglove import Access, AssetRoots, BridgeOptions, ServerOptions
+from simple_ros.bag import Bag
+from simple_ros.foxglove import Access, AssetRoots, BridgeOptions, Recording, ServerOptions
 from simple_ros.foxglove.bridge import Bridge
+from simple_ros.foxglove.convert.ros_names import ros_definition, ros_name
 from simple_ros.msg.definitions import message_class
+from simple_ros.msg.diagnostic_msgs import DiagnosticArray
 from simple_ros.msg.example_interfaces import AddTwoInts
 from simple_ros.msg.geometry_msgs import Twist
 from simple_ros.msg.rosgraph_msgs import Clock
@@ -231,6 +237,53 @@ async def test_what_cannot_be_published(
         assert topic in text
 
 
+async def test_a_type_that_is_really_called_as_panels_call_it(
+    master: Master, tmp_path: Path
+) -> None:
+    definition = FileDescriptorSet.FromString(ros_definition(DiagnosticArray))
+    theirs: Any = message_class(definition, ros_name(DiagnosticArray))
+    path = tmp_path / "seen.mcap"
+    async with (
+        aio.NodeHandle("talker", master=master.address) as node,
+        bridged(master.address) as bridge,
+        connected(bridge.server.port) as client,
+    ):
+        bridge.server.tap(recording := Recording(path))
+        heard: list[Any] = []
+        await node.subscribe("diagnostics", theirs, heard.append)
+        publisher = await node.advertise("diagnostics", theirs)
+        await client.subscribe("/diagnostics")
+        await until(lambda: subscribers(master, "diagnostics")[1:])
+        assert (await client.channel("/diagnostics"))["schemaName"] == ros_name(DiagnosticArray)
+        message = theirs(status=[{"name": "motor"}])
+        async with flowing(publisher, message):
+            await until(lambda: client.on("/diagnostics"))
+        bridge.server.tap(None)
+        await recording.finish()
+        heard.clear()
+        await client.advertise(1, "/diagnostics", ros_name(DiagnosticArray), "protobuf")
+        await client.publish(1, message.SerializeToString())
+        await until(lambda: heard == [message])
+        assert not client.statuses()
+    with Bag(path) as bag:
+        assert [topic.msg_type for topic in bag.topics.values()] == [ros_name(DiagnosticArray)]
+
+
+async def test_the_frame_of_messages_that_name_none(master: Master) -> None:
+    options = BridgeOptions(ServerOptions(frame_id="map"))
+    async with (
+        aio.NodeHandle("laser", master=master.address) as node,
+        bridged(master.address, options) as bridge,
+        connected(bridge.server.port) as client,
+    ):
+        publisher = await node.advertise("scan", LaserScan, qos=LATCHED)
+        publisher.publish(LaserScan(ranges=[1.0]))
+        await client.subscribe("/scan/scan")
+        await until(lambda: client.on("/scan/scan"))
+        scan = client.decoder("/scan/scan").FromString(client.on("/scan/scan")[0])
+        assert scan.frame_id == "map"  # type: ignore[attr-defined]
+
+
 # -- services --------------------------------------------------------------------------------------
 
 
@@ -393,6 +446,9 @@ async def test_assets(master: Master, tmp_path: Path) -> None:
         await until(lambda: len(client.binary) == 2)
         assert client.binary[0] == b"\x04\x01\x00\x00\x00\x00\x00\x00\x00\x00mesh"
         assert client.binary[1][:6] == b"\x04\x02\x00\x00\x00\x01"
+        await until(lambda: client.statuses(), "it is said, too: apps only draw nothing")
+        assert client.statuses()[0][0] == 1
+        assert "package://robot/../x" in client.statuses()[0][1]
 
 
 async def test_time(master: Master) -> None:
@@ -420,6 +476,10 @@ async def test_simulated_time(master: Master, monkeypatch: pytest.MonkeyPatch) -
                 await until(lambda wanted=seconds: wanted * 10**9 in client.times)  # type: ignore[misc]
         sessions = [info["sessionId"] for info in client.heard("serverInfo")]
         assert len(set(sessions)) == 2, "time went back: a new session"
+        ops = [document["op"] for document in client.ops]
+        again = client.ops[len(ops) - ops[::-1].index("serverInfo") :]
+        offered = {channel["id"] for item in again for channel in item.get("channels", ())}
+        assert offered == set(client.channels), "apps forget types with a session"
 
 
 # -- access, and a Master that is away -------------------------------------------------------------
@@ -445,6 +505,58 @@ async def test_read_only(master: Master) -> None:
         await until(lambda: client.parameters("s"))
         assert client.parameters("s")[0]["value"] == 2.5
         assert len(client.statuses()) == 2
+        assert not client.services
+
+
+async def test_selected_services_and_parameters_only(master: Master) -> None:
+    access = Access.made(client_topics="^/cmd", services="^/switch$", parameters="^/motor/")
+    async with (
+        aio.NodeHandle("motor", master=master.address) as node,
+        bridged(master.address, BridgeOptions(ServerOptions(access=access))) as bridge,
+        connected(bridge.server.port) as client,
+    ):
+        await node.declare_parameter("~gain", 2.5)
+        await node.declare_parameter("/secret", 1)
+        for name in ("reboot", "switch"):
+            await node.advertise_service(name, SetBool, lambda _: SetBool.response())
+        await until(lambda: client.services)
+        assert [item["name"] for item in client.services.values()] == ["/switch"]
+        await client.say("subscribeConnectionGraph")
+        await until(lambda: client.heard("connectionGraphUpdate"))
+        for update in client.heard("connectionGraphUpdate"):
+            assert "/reboot" not in [item["name"] for item in update["advertisedServices"]]
+        await client.say("subscribeParameterUpdates", parameterNames=[])
+        for names in ([], ["/secret", "/motor/gain"]):
+            await client.say("getParameters", parameterNames=names, id=str(names))
+            await until(lambda names=names: client.parameters(str(names)))
+            assert [item["name"] for item in client.parameters(str(names))] == ["/motor/gain"]
+        await client.say("setParameters", parameters=[{"name": "/secret", "value": 2}], id="s")
+        await until(lambda: client.statuses())
+        assert "not shown here" in client.statuses()[0][1]
+        await node.set_parameters({"/secret": 3})
+        await node.set_parameters({"~gain": 3.5})
+        await until(lambda: client.parameters())
+        told = [item for heard in client.heard("parameterValues") for item in heard["parameters"]]
+        assert {item["name"] for item in told} == {"/motor/gain"}
+        await client.advertise(1, "/chatter", "std_msgs.String")
+        await until(lambda: client.statuses()[1:])
+        assert "/chatter" in client.statuses()[1][1]
+
+
+async def test_capabilities_that_are_not_offered(master: Master) -> None:
+    access = Access.made(without=["services", "parameters"])
+    async with (
+        aio.NodeHandle("motor", master=master.address) as node,
+        bridged(master.address, BridgeOptions(ServerOptions(access=access))) as bridge,
+        connected(bridge.server.port) as client,
+    ):
+        await node.advertise_service("switch", SetBool, lambda _: SetBool.response())
+        offered = client.heard("serverInfo")[0]["capabilities"]
+        assert offered == ["clientPublish", "connectionGraph", "time"]
+        await client.say("getParameters", parameterNames=[], id="all")
+        await until(lambda: client.statuses() == [(2, "This server does not offer parameters")])
+        await node.advertise("chatter", String)
+        await client.channel("/chatter")
         assert not client.services
 
 
@@ -479,6 +591,20 @@ async def test_a_master_that_comes_later() -> None:
             await node.advertise("chatter", String)
             await client.channel("/chatter")
             await until(lambda: client.heard("removeStatus"))
+
+
+async def test_a_master_without_parameters() -> None:
+    async with (
+        ForeignMaster() as master,
+        bridged(master.address) as bridge,
+        connected(bridge.server.port) as client,
+    ):
+        await client.say("getParameters", parameterNames=[], id="all")
+        await until(lambda: client.heard("parameterValues"))
+        assert client.parameters("all") == []
+        assert 2 not in [level for level, _ in client.statuses()], "apps ask every 15 s"
+        await client.say("setParameters", parameters=[{"name": "/a", "value": 1}])
+        await until(lambda: any("/a is not set" in text for _, text in client.statuses()))
 
 
 async def test_a_master_that_is_restarted() -> None:

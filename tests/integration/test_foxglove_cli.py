@@ -84,6 +84,8 @@ async def test_a_token_is_not_printed(master: Master) -> None:
         (("--queue", "imu=1.5"), "whole number"),
         (("--send-buffer-limit", "much"), "no size"),
         (("--asset-root", "a=/nothing/there"), "no directory"),
+        (("--assets", "("), "no regular expression"),
+        (("--without", "colours"), "no capability 'colours'"),
         (("--bag", "/nothing/there.mcap"), "there.mcap"),
         (("--tls-cert", "/nothing/there.pem"), "there.pem"),
         (("--host", "203.0.113.1"), "cannot listen on 203.0.113.1"),

@@ -104,8 +104,8 @@ async def test_seeking_and_pausing(bag: Bag) -> None:
         await control(client, play=False, seek_s=9.5, request="jump")
         await until(lambda: states(client))
         assert states(client)[0] == (1, 9.5, 100.0, 1, "jump")
-        await until(lambda: said(client, "/map"), "latched messages of before")
-        assert said(client, "/count") == []
+        await until(lambda: said(client, "/map") == ["map"], "what was latched before")
+        await until(lambda: said(client, "/count") == ["95"], "what stands there")
         await control(client, play=True)
         await until(lambda: said(client, "/count") == ["95", "96", "97", "98", "99", "100"])
         await until(lambda: states(client)[-1][0] == 3)
@@ -114,6 +114,70 @@ async def test_seeking_and_pausing(bag: Bag) -> None:
         await until(lambda: client.times[-1] == START_NS + round(9.9 * SECOND), "time goes back")
         await control(client, play=True)
         await until(lambda: said(client, "/count")[6:] == ["99", "100"])
+
+
+async def test_between_messages_the_last_one_stands(bag: Bag) -> None:
+    async with played(bag, FAST) as playback, connected(playback.server.port) as client:
+        await client.subscribe("/count")
+        for seek_s, wanted in [(5.05, "50"), (2.0, "20"), (7.19, "71"), (0.0, "0"), (10.0, "100")]:
+            await control(client, play=False, seek_s=seek_s)
+            await until(lambda wanted=wanted: said(client, "/count")[-1:] == [wanted], wanted)
+        stamps = [stamp for _, stamp, _ in client.messages]
+        assert stamps[-3] == START_NS + 71 * SECOND // 10, "with the time at which it came"
+
+
+async def test_jumps_in_quick_succession(bag: Bag) -> None:
+    async with played(bag, FAST) as playback, connected(playback.server.port) as client:
+        await client.subscribe("/count")
+        for tenth in range(100, 0, -1):
+            await control(client, play=False, seek_s=tenth / 10)
+        await until(lambda: said(client, "/count")[-1:] == ["1"])
+        await control(client, play=True)
+        await until(lambda: said(client, "/count")[-1] == "100")
+        played_on = said(client, "/count")[said(client, "/count").index("1") :]
+        assert played_on == [str(n) for n in range(1, 101)]
+
+
+async def test_who_begins_to_look_while_paused_sees_what_stands(bag: Bag) -> None:
+    async with played(bag, FAST) as playback, connected(playback.server.port) as client:
+        await control(client, play=False, seek_s=4.2)
+        await until(lambda: states(client))
+        await client.subscribe("/count")
+        await until(lambda: said(client, "/count") == ["42"])
+        async with connected(playback.server.port) as late:
+            await late.subscribe("/count")
+            await until(lambda: said(late, "/count") == ["42"])
+        assert said(client, "/count") == ["42"], "told once"
+        await control(client, play=True)
+        await until(lambda: len(said(client, "/count")) == 59)
+        assert said(client, "/count") == [str(n) for n in range(42, 101)]
+
+
+async def test_all_that_is_latched_stands_not_only_the_last(tmp_path: Path) -> None:
+    messages = [("tf_static", 0.0, "a"), ("tf_static", 0.1, "b"), ("count", 5.0, "5")]
+    with Bag(make_bag(tmp_path / "a.mcap", messages, latched=["tf_static"])) as bag:
+        async with played(bag, FAST) as playback, connected(playback.server.port) as client:
+            await client.subscribe("/tf_static")
+            await control(client, play=False, seek_s=4)
+            await until(lambda: said(client, "/tf_static") == ["a", "b"])
+
+
+async def test_looking_back_disturbs_no_playing(tmp_path: Path) -> None:
+    messages = [("map", 0.0, "map")]
+    messages += [("count", n / 1000, f"{n:05} {'x' * 500}") for n in range(5000)]
+    with Bag(make_bag(tmp_path / "a.mcap", messages, latched=["map"])) as bag:
+        async with played(bag, PlaybackOptions(speed=5.0, paused=True)) as playback:
+            async with connected(playback.server.port) as client:
+                await client.subscribe("/count")
+                await until(
+                    lambda: playback.server.is_wanted(client.subscription_channel("/count"))
+                )
+                await control(client, play=True, speed=5.0)
+                while len(said(client, "/count")) < 5000:
+                    async with connected(playback.server.port) as late:
+                        await late.subscribe("/map")
+                        await until(lambda late=late: said(late, "/map") == ["map"])
+                assert said(client, "/count") == [text for _, _, text in messages[1:]]
 
 
 async def test_a_late_client_gets_latched_messages(bag: Bag) -> None:

@@ -5,8 +5,9 @@ import asyncio
 import grpc
 import pytest
 
-from simple_ros.errors import AddressInUse
+from simple_ros.errors import AddressInUse, MasterUnavailable
 from simple_ros.graph import TopicKey
+from simple_ros.net.master_client import MasterClient
 from simple_ros.rpc import master_pb2 as master_pb
 from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
@@ -184,3 +185,24 @@ async def test_a_malformed_request_is_answered_and_floods_no_log(
         await lease.write(b"\xff\xff\xff")
         assert await lease.code() is grpc.StatusCode.INVALID_ARGUMENT
     assert "Traceback" not in caplog.text
+
+
+async def test_a_watcher_whose_client_is_closed_is_told_so_and_a_cancelled_one_is_cancelled(master):
+    async def watch(client: MasterClient) -> None:
+        async for _ in client.watch_graph():
+            begun.set()
+
+    for ends_by_closing in (True, False):
+        begun = asyncio.Event()
+        client = MasterClient(master.address)
+        watching = asyncio.create_task(watch(client))
+        await asyncio.wait_for(begun.wait(), 5)
+        if ends_by_closing:
+            await client.close()
+            with pytest.raises(MasterUnavailable, match="closed"):
+                await asyncio.wait_for(watching, 5)
+        else:
+            watching.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await watching
+            await client.close()

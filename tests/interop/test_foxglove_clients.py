@@ -1,4 +1,4 @@
-"""Clients that nobody here wrote look at the bridge: npm's @foxglove/ws-protocol and pymcap-cli."""
+"""Clients that nobody here wrote look at the bridge: npm's @foxglove/ws-protocol, in Node and in a browser, and pymcap-cli."""
 
 from __future__ import annotations
 
@@ -8,18 +8,26 @@ import json
 import shutil
 import sys
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from google.protobuf import descriptor_pb2
 from support.bags import texts
+from support.browser import BROWSER, OTHER_HOST, told_by
 from support.foxglove import bridged
 
 from simple_ros import aio
 from simple_ros.bag import Bag
-from simple_ros.foxglove import AssetRoots, Bridge, BridgeOptions
+from simple_ros.foxglove import (
+    Access,
+    AssetRoots,
+    Bridge,
+    BridgeOptions,
+    FoxgloveServer,
+    ServerOptions,
+)
 from simple_ros.msg.definitions import message_class
 from simple_ros.msg.geometry_msgs import Twist
 from simple_ros.msg.sensor_msgs import LaserScan
@@ -35,6 +43,10 @@ PYMCAP = shutil.which("pymcap-cli", path=str(Path(sys.executable).parent))
 needs_node = pytest.mark.skipif(
     NODE is None or not (FOLDER / "node_modules").is_dir(),
     reason=f"needs node and 'npm install --no-package-lock' in {FOLDER.name}/",
+)
+needs_browser = pytest.mark.skipif(
+    BROWSER is None or not (FOLDER / "node_modules").is_dir(),
+    reason=f"needs chromium, and of node 'npm install --no-package-lock' in {FOLDER.name}/",
 )
 needs_pymcap = pytest.mark.skipif(
     PYMCAP is None or importlib.util.find_spec("robo_ws_bridge") is None,
@@ -60,7 +72,9 @@ def their_type() -> Any:
 
 
 @asynccontextmanager
-async def robot(master: Master, tmp_path: Path) -> AsyncIterator[tuple[Bridge, list[Twist]]]:
+async def robot(
+    master: Master, tmp_path: Path, server: ServerOptions | None = None
+) -> AsyncIterator[tuple[Bridge, list[Twist]]]:
     """Something of everything, and a bridge."""
     (tmp_path / "robot.urdf").write_text("<robot/>")
     drives: list[Twist] = []
@@ -70,7 +84,7 @@ async def robot(master: Master, tmp_path: Path) -> AsyncIterator[tuple[Bridge, l
             raise RuntimeError("stays on")
         return SetBool.response(success=True, message="on")
 
-    options = BridgeOptions(assets=AssetRoots({"robot": tmp_path}))
+    options = BridgeOptions(server or ServerOptions(), AssetRoots({"robot": tmp_path}))
     async with (
         aio.NodeHandle("robot", master=master.address) as node,
         bridged(master.address, options) as bridge,
@@ -117,6 +131,11 @@ async def test_the_client_of_foxglove(master: Master, tmp_path: Path, subprotoco
         url = f"ws://127.0.0.1:{bridge.server.port}"
         heard = json.loads(await output_of(NODE, str(FOLDER / "client.mjs"), url, subprotocol))
     assert heard["subprotocol"] == subprotocol
+    check(heard, drives)
+
+
+def check(heard: dict[str, Any], drives: list[Twist]) -> None:
+    """What the conversation is to come to, wherever it is held."""
     assert "json" in heard["serverInfo"]["supportedEncodings"]
     assert heard["messages"]["/map"] == [{"data": "a map"}]
     assert heard["messages"]["/scan"][0]["ranges"] == [1.5, 2.5]
@@ -136,7 +155,37 @@ async def test_the_client_of_foxglove(master: Master, tmp_path: Path, subprotoco
     assert heard["assets"][0] == "<robot/>"
     assert "no such file" in heard["assets"][1]
     assert [(twist.linear.x, twist.angular.z) for twist in drives] == [(0.5, 1.0)]
-    assert [level for level, _ in heard["statuses"]] == [2]
+    assert sorted(level for level, _ in heard["statuses"]) == [1, 2]
+
+
+@needs_browser
+@pytest.mark.parametrize("compress", [False, True])
+async def test_a_page_in_a_browser(master: Master, tmp_path: Path, *, compress: bool) -> None:
+    server = ServerOptions(compress=compress)
+    async with robot(master, tmp_path, server) as (bridge, drives):
+        url = f"ws://localhost:{bridge.server.port}"
+        heard = json.loads(await told_by(FOLDER, f"page.html#talk={url}", tmp_path / "profile"))
+    assert "error" not in heard, heard
+    assert heard["subprotocol"] == "foxglove.sdk.v1"
+    check(heard, drives)
+
+
+@needs_browser
+async def test_which_pages_may_connect(tmp_path: Path) -> None:
+    async with AsyncExitStack() as stack:
+        urls = []
+        for origins, token in [((), None), (("*",), None), (("*",), "geheim")]:
+            access = Access.made(origins=origins, token=token)
+            server = FoxgloveServer(ServerOptions(access=access), ())
+            await stack.enter_async_context(server.listening(port=0))
+            urls.append(f"ws://127.0.0.1:{server.port}/")
+        urls.append(f"{urls[-1]}?token=geheim")
+        page = f"page.html#try={','.join(urls)}"
+        near = json.loads(await told_by(FOLDER, page, tmp_path / "near"))
+        far = json.loads(await told_by(FOLDER, page, tmp_path / "far", OTHER_HOST))
+    accepted, refused = ["open", "foxglove.sdk.v1"], ["refused", 1006]
+    assert near == [accepted, accepted, refused, accepted]
+    assert far == [refused, accepted, refused, accepted]
 
 
 @needs_pymcap

@@ -36,6 +36,7 @@ class FoxClient:
         self.times: list[int] = []
         self.binary: list[bytes] = []
         self.first: str | bytes | None = None
+        self.closed: ConnectionClosed | None = None
         self.paused = asyncio.Event()
         self.paused.set()
         self._ids: dict[int, str] = {}
@@ -46,8 +47,8 @@ class FoxClient:
             while True:
                 await self.paused.wait()
                 self._take(await self.socket.recv())
-        except ConnectionClosed:
-            return
+        except ConnectionClosed as closed:
+            self.closed = closed
 
     def _take(self, frame: str | bytes) -> None:
         self.first = self.first or frame
@@ -66,7 +67,8 @@ class FoxClient:
         match document["op"]:
             case "advertise":
                 for channel in document["channels"]:
-                    assert channel["id"] not in self.channels
+                    # Offered once more is only what is offered already, after a new session.
+                    assert self.channels.get(channel["id"], channel) == channel
                     self.channels[channel["id"]] = channel
             case "unadvertise":
                 for number in document["channelIds"]:

@@ -27,7 +27,7 @@ from simple_ros.foxglove.convert import (
     converters_for,
     convertible_types,
 )
-from simple_ros.foxglove.convert.ros_names import as_published, as_shown, completion_for
+from simple_ros.foxglove.convert.ros_names import as_shown, completion_for
 from simple_ros.msg import geometry_msgs as geo
 from simple_ros.msg import nav_msgs, ustc
 from simple_ros.msg.definitions import definition_of
@@ -295,13 +295,9 @@ class TestDiagnostics:
         names = [field.message_type.full_name for field in seen.DESCRIPTOR.fields]
         assert names == ["ros.std_msgs.Header", "ros.diagnostic_msgs.DiagnosticStatus"]
 
-    def test_recordings_have_its_own_name(self) -> None:
-        assert as_published(*as_shown(self.NAME, self.DEFINITION)) == (self.NAME, self.DEFINITION)
-
     @pytest.mark.parametrize("name", ["std_msgs.Header", "ros.std_msgs.Header", "rospkg.A", ""])
     def test_other_types_stay_as_they_are(self, name: str) -> None:
         assert as_shown(name, b"x") == (name, b"x")
-        assert as_published(name, b"x") == (name, b"x")
         assert completion_for(name) is None
 
     def test_a_definition_that_is_none_stays(self) -> None:

@@ -64,6 +64,19 @@ def test_nothing_offered_is_not_advertised() -> None:
     assert [frame["op"] for frame in talk.heard()] == ["serverInfo"]
 
 
+def test_a_new_session_offers_the_same_once_more_and_keeps_subscriptions() -> None:
+    talk = Talk()
+    talk.session.begin('{"op": "serverInfo"}')
+    _, offered_first, _ = talk.heard()
+    (channel, *_) = offered_first["channels"]
+    talk.say("subscribe", subscriptions=[{"id": 0, "channelId": channel["id"]}])
+    talk.session.begin_again('{"op": "serverInfo"}')
+    info, offered_again = talk.heard()
+    assert info["op"] == "serverInfo"
+    assert offered_again == offered_first
+    assert talk.session.subscriptions == {channel["id"]: 0}
+
+
 def test_many_channels_come_in_pieces() -> None:
     catalog = Catalog()
     for number in range(250):

@@ -16,8 +16,9 @@ from websockets.datastructures import Headers
 from simple_ros.errors import ConfigError
 from simple_ros.foxglove.access import Access
 from simple_ros.foxglove.assets import AssetRoots
+from simple_ros.foxglove.catalog import Catalog
 from simple_ros.foxglove.errors import AssetRefused, InvalidRequest, PublishRefused
-from simple_ros.foxglove.frames import message_parts
+from simple_ros.foxglove.frames import Schema, message_parts
 from simple_ros.foxglove.graph_model import ConnectionGraph, GraphModel, difference
 from simple_ros.foxglove.json_input import json_of, message_of
 from simple_ros.foxglove.json_schema import json_schema
@@ -343,6 +344,43 @@ def test_selections() -> None:
         Access.made("(")
 
 
+def test_what_clients_may_publish() -> None:
+    access = Access.made("^/cam|^/cmd", "raw$", client_topics="^/cmd")
+    assert access.lets_publish("/cmd_vel")
+    assert not access.lets_publish("/camera/image"), "shown, not published"
+    assert not access.lets_publish("/cmd_raw"), "not even shown"
+
+
+def test_capabilities_that_are_withheld() -> None:
+    assert Access.made(without=["time"]).hidden == {"time"}
+    assert Access.made(without=["parameters"]).hidden == {"parameters", "parametersSubscribe"}
+    both = Access.made(without=["assets"], read_only=True).hidden
+    assert both == {"assets", "clientPublish", "services"}
+    with pytest.raises(ConfigError, match="'colours'; there are assets, "):
+        Access.made(without=["colours"])
+
+
+def test_services_keep_their_ids() -> None:
+    catalog = Catalog()
+    request, response = Schema("Q", "{}"), Schema("A", "{}")
+    first = catalog.add_service("/a", "t", request, response)
+    other = catalog.add_service("/b", "t", request, response)
+    assert catalog.remove_services([first.id, 77]) == [first.id]
+    changed = catalog.add_service("/a", "u", request, response)
+    again = catalog.add_service("/a", "t", request, response)
+    assert again == first
+    assert len({first.id, other.id, changed.id}) == 3
+
+
+def test_services_that_never_come_back_are_forgotten() -> None:
+    catalog = Catalog()
+    schema = Schema("Q", "{}")
+    ids = [catalog.add_service(f"/{n}", "t", schema, schema).id for n in range(1001)]
+    catalog.remove_services(ids)
+    assert catalog.add_service("/1", "t", schema, schema).id == ids[1]
+    assert catalog.add_service("/0", "t", schema, schema).id > ids[-1]
+
+
 # -- limits ----------------------------------------------------------------------------------------
 
 
@@ -388,6 +426,17 @@ def test_assets(tmp_path: Path) -> None:
     ]:
         with pytest.raises(AssetRefused, match=reason):
             roots.read(uri)
+
+
+def test_assets_that_fit_a_pattern(tmp_path: Path) -> None:
+    for name in ("left-arm.v1.stl", "notes.txt"):
+        (tmp_path / name).write_text(name)
+    roots = AssetRoots.made([f"robot={tmp_path}"], r"\.(stl|urdf)$")
+    assert roots.read("package://robot/left-arm.v1.stl")
+    with pytest.raises(AssetRefused, match="not among"):
+        roots.read("package://robot/notes.txt")
+    with pytest.raises(ConfigError, match="no regular expression"):
+        AssetRoots.made([f"robot={tmp_path}"], "(")
 
 
 def test_asset_roots_that_make_no_sense(tmp_path: Path) -> None:

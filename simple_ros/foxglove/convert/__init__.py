@@ -32,7 +32,19 @@ rosgraph_msgs.Log                           /log            foxglove.Log
 ==========================================  ==============  =====================================
 """
 
-from simple_ros.foxglove.convert.base import Context, ConversionFailed, Converter
+from simple_ros.foxglove.convert.base import (
+    DEFAULT_FRAME,
+    Context,
+    ConversionFailed,
+    Converter,
+)
 from simple_ros.foxglove.convert.catalog import converters_for, convertible_types
 
-__all__ = ["Context", "ConversionFailed", "Converter", "converters_for", "convertible_types"]
+__all__ = [
+    "DEFAULT_FRAME",
+    "Context",
+    "ConversionFailed",
+    "Converter",
+    "converters_for",
+    "convertible_types",
+]

@@ -12,9 +12,19 @@ from google.protobuf.message import DecodeError, Message
 from simple_ros.errors import SimpleRosError
 from simple_ros.msg.definitions import definition_of
 
-__all__ = ["Context", "ConversionFailed", "Converter", "MessageConverter", "described"]
+__all__ = [
+    "DEFAULT_FRAME",
+    "Context",
+    "ConversionFailed",
+    "Converter",
+    "MessageConverter",
+    "described",
+]
 
 M = TypeVar("M", bound=Message)
+
+DEFAULT_FRAME = "world"
+"""The frame of messages that name none, as those of C++ simple_ros do."""
 
 
 class ConversionFailed(SimpleRosError, ValueError):
@@ -43,7 +53,7 @@ class Context:
 
     receive_time_ns: int
     topic: str
-    frame_id: str = "world"
+    frame_id: str = DEFAULT_FRAME
 
 
 class Converter(ABC):

@@ -16,7 +16,7 @@ from simple_ros.foxglove.convert.base import Context, MessageConverter
 from simple_ros.msg.definitions import definition_of
 from simple_ros.msg.diagnostic_msgs import DiagnosticArray
 
-__all__ = ["as_published", "as_shown", "completion_for", "ros_definition", "ros_name"]
+__all__ = ["as_shown", "completion_for", "ros_definition", "ros_name"]
 
 M = TypeVar("M", bound=Message)
 
@@ -45,15 +45,7 @@ def as_shown(type_name: str, definition: bytes) -> tuple[str, bytes]:
     except DecodeError:
         # Out of a broken bag. Clients say so, as for every other type.
         return type_name, definition
-    return f"{_PREFIX}.{type_name}", _renamed(known, _with_prefix)
-
-
-def as_published(type_name: str, definition: bytes) -> tuple[str, bytes]:
-    """The way back from `as_shown`."""
-    if type_name.removeprefix(f"{_PREFIX}.") not in _SHOWN_UNDER_ROS:
-        return type_name, definition
-    known = descriptor_pb2.FileDescriptorSet.FromString(definition)
-    return type_name.removeprefix(f"{_PREFIX}."), _renamed(known, _without_prefix)
+    return f"{_PREFIX}.{type_name}", _renamed(known)
 
 
 def completion_for(type_name: str) -> Callable[[bytes, int], bytes] | None:
@@ -87,42 +79,30 @@ def ros_name(message_class: type[Message]) -> str:
 
 def ros_definition(message_class: type[Message]) -> bytes:
     """A ``FileDescriptorSet`` in which the type, and all that is ours in it, has its `ros_name`."""
-    return _renamed(definition_of(message_class), _with_prefix)
+    return _renamed(definition_of(message_class))
 
 
-def _with_prefix(name: str, mark: str) -> str:
-    return f"{_PREFIX}{mark}{name}"
-
-
-def _without_prefix(name: str, mark: str) -> str:
-    return name.removeprefix(f"{_PREFIX}{mark}")
-
-
-def _renamed(
-    definition: descriptor_pb2.FileDescriptorSet, change: Callable[[str, str], str]
-) -> bytes:
-    """The definition with all that is not of protobuf itself called otherwise."""
+def _renamed(definition: descriptor_pb2.FileDescriptorSet) -> bytes:
+    """The definition with all that is not of protobuf itself under its ROS name."""
     result = descriptor_pb2.FileDescriptorSet()
     result.CopyFrom(definition)
     ours = {file.name for file in result.file if file.package != _WELL_KNOWN}
     for file in result.file:
         if file.name in ours:
-            _rename(file, ours, change)
+            _rename(file, ours)
     return result.SerializeToString(deterministic=True)
 
 
-def _rename(
-    file: descriptor_pb2.FileDescriptorProto, ours: set[str], change: Callable[[str, str], str]
-) -> None:
-    file.name = change(file.name, "/")
-    file.package = change(file.package, ".")
+def _rename(file: descriptor_pb2.FileDescriptorProto, ours: set[str]) -> None:
+    file.name = f"{_PREFIX}/{file.name}"
+    file.package = f"{_PREFIX}.{file.package}"
     for index, dependency in enumerate(file.dependency):
         if dependency in ours:
-            file.dependency[index] = change(dependency, "/")
+            file.dependency[index] = f"{_PREFIX}/{dependency}"
     for message in _messages(file.message_type):
         for field in message.field:
             if field.type_name and not field.type_name.startswith(f".{_WELL_KNOWN}."):
-                field.type_name = f".{change(field.type_name[1:], '.')}"
+                field.type_name = f".{_PREFIX}{field.type_name}"
 
 
 def _messages(
