@@ -52,6 +52,12 @@ def bridge(
             metavar="PORT", min=0, max=65535, help="Boards may come over UDP to this port, too."
         ),
     ] = None,
+    tcp: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PORT", min=0, max=65535, help="Boards may come over TCP to this port, too."
+        ),
+    ] = None,
     state: Annotated[
         Path | None,
         typer.Option(metavar="DIR", file_okay=False, help="Where sessions are kept over restarts."),
@@ -63,7 +69,11 @@ def bridge(
     ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")] = False,
 ) -> None:
-    """Carry topics between boards with micro-ROS firmware and the graph."""
+    """Carry topics between boards with micro-ROS firmware and the graph.
+
+    Without --port it takes the first Pico that is found. Boards and ports may come and go. What is wrong with a board
+    is told in words, here and on the topic diagnostics.
+    """
     logging.basicConfig(
         stream=sys.stderr,
         level=logging.DEBUG if verbose else logging.INFO,
@@ -75,10 +85,11 @@ def bridge(
         if config is not None:
             boards = load_boards(config)
         else:
-            # Who asks for UDP alone has no board on a port.
-            boards = [_board(common, text) for text in port or ([""] if udp is None else [])]
+            # Who asks for a network port alone has no board on a serial one.
+            is_serial = udp is None and tcp is None
+            boards = [_board(common, text) for text in port or ([""] if is_serial else [])]
         directory = (state or default_directory()) if keep else None
-        aio.run(_serve(boards, directory, udp, common, master))
+        aio.run(_serve(boards, directory, (udp, tcp), common, master))
     except (SimpleRosError, OSError) as error:
         typer.echo(f"error: {getattr(error, 'strerror', None) or error}", err=True)
         raise typer.Exit(1) from None
@@ -102,13 +113,13 @@ def _remaps(words: Sequence[str]) -> dict[str, str]:
 async def _serve(
     boards: Sequence[BoardConfig],
     directory: Path | None,
-    udp: int | None,
+    ports: tuple[int | None, int | None],
     common: BoardConfig,
     master: str | None,
 ) -> None:
     async with (
         aio.NodeHandle("pico_bridge", master=master) as node,
-        PicoBridge(node, boards, directory, udp, common),
+        PicoBridge(node, boards, directory, *ports, common),
     ):
         ready()
         await node.spin()

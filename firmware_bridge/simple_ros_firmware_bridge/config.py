@@ -7,8 +7,6 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from simple_ros.errors import ConfigError
 from simple_ros_firmware_bridge.xrce.objects import Profile
 
@@ -51,10 +49,12 @@ def load_boards(path: Path) -> list[BoardConfig]:
     Raises:
         ConfigError: The file cannot be read, or says what makes no sense; names file and key.
     """
+    import yaml
+
     try:
         content = yaml.safe_load(path.read_text())
     except (OSError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: {error}") from None
+        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     if not isinstance(content, dict) or not isinstance(content.get("boards"), list):
         raise ConfigError(f"{path}: needs a key 'boards' with a list")
     for key in content.keys() - {"boards"}:

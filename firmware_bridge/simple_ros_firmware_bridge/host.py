@@ -14,7 +14,7 @@ from simple_ros_firmware_bridge.config import BoardConfig
 from simple_ros_firmware_bridge.endpoints import BoardEndpoints
 from simple_ros_firmware_bridge.latency import Latency
 from simple_ros_firmware_bridge.mapping import TopicMap, graph_type
-from simple_ros_firmware_bridge.memory_file import MemoryFile
+from simple_ros_firmware_bridge.memory_file import Memory
 from simple_ros_firmware_bridge.services import BoardServices
 from simple_ros_firmware_bridge.words import words_for
 from simple_ros_firmware_bridge.xrce.agent import Agent
@@ -48,7 +48,7 @@ class AgentHost:
         node: NodeHandle,
         config: BoardConfig,
         name: str,
-        memory: MemoryFile,
+        memory: Memory,
         send: Callable[[], None],
         is_open: Callable[[], bool],
     ) -> None:
@@ -121,8 +121,14 @@ class AgentHost:
     def add_values(self, status: Status) -> None:
         """What the streams and topics of the board do."""
         self._add_streams(status)
-        for name, seconds in vars(self.latency.take()).items():
+        latency = self.latency.take()
+        for name, seconds in (
+            ("mean", latency.mean),
+            ("p99", latency.p99),
+            ("worst", latency.worst),
+        ):
             status.add(f"latency to topic, {name} (ms)", f"{seconds * 1e3:.3f}")
+        status.add("latency to topic, over 1 ms", f"{latency.late} of {latency.count}")
         if self.endpoints.offset.offset_ns is not None:
             status.add("added to stamps (s)", f"{self.endpoints.offset.offset_ns / 1e9:.6f}")
         now = self._loop.time()
@@ -137,10 +143,10 @@ class AgentHost:
     def _add_streams(self, status: Status) -> None:
         if self.agent.session is None:
             return
-        for source in self.agent.session.inputs:
+        for source in self.agent.session.streams.inputs:
             for name, value in vars(source.counters).items():
                 status.add(f"up: {name}", value)
-        for downlink in self.agent.session.downlinks:
+        for downlink in self.agent.session.streams.downlinks:
             for name, value in vars(downlink.output.counters).items():
                 status.add(f"down: {name}", value)
             status.add("down: replaced by newer", downlink.replaced)

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+import bisect
 from dataclasses import dataclass
 
 __all__ = ["Latency", "LatencyFacts"]
 
 _KEPT = 4096
+_BUDGET_S = 0.001
 
 
 @dataclass(frozen=True)
 class LatencyFacts:
-    """Seconds; all 0 if there was nothing.
+    """Durations in seconds; all 0 if there was nothing.
 
     Attributes:
         mean: Of all.
         p99: Of 100, 99 took no longer.
         worst: The longest.
+        count: How many there were.
+        late: How many took longer than a millisecond, which is what the agent may add to a sample's way.
     """
 
     mean: float = 0.0
     p99: float = 0.0
     worst: float = 0.0
+    count: int = 0
+    late: int = 0
 
 
 class Latency:
@@ -41,4 +47,5 @@ class Latency:
         if not values:
             return LatencyFacts()
         p99 = values[min(len(values) - 1, len(values) * 99 // 100)]
-        return LatencyFacts(sum(values) / len(values), p99, values[-1])
+        late = len(values) - bisect.bisect_right(values, _BUDGET_S)
+        return LatencyFacts(sum(values) / len(values), p99, values[-1], len(values), late)

@@ -23,6 +23,7 @@ _HEAD = 4
 _CRC = 2
 _MAX_TEXT = 512
 _LEAST_TEXT = 3
+_SURELY_TEXT = 12
 _MAX_DAMAGED = 4
 _LEAST_MESSAGE = 12
 _TEXT = re.compile(rb"[\x20-\x7c\t]{3,}")
@@ -53,6 +54,7 @@ class LineCounters:
         cut_frames: Ended by the begin of another.
         oversize_frames: Announced more than the limit.
         noise_bytes: Outside of any frame.
+        text_lines: Lines of text among them.
         bytes: All.
     """
 
@@ -62,6 +64,7 @@ class LineCounters:
     cut_frames: int = 0
     oversize_frames: int = 0
     noise_bytes: int = 0
+    text_lines: int = 0
     bytes: int = 0
 
     @property
@@ -81,6 +84,15 @@ def encode_frame(payload: bytes, source: int, destination: int) -> bytes:
         )
     )
     return _FLAG + body.replace(_ESCAPE, b"\x7d\x5d").replace(_FLAG, b"\x7d\x5e")
+
+
+def _readable(line: bytearray) -> str:
+    """The text of a line; empty if it is none: noise has letters too, and rarely many in a row."""
+    runs: list[bytes] = _TEXT.findall(line)
+    if 5 * sum(map(len, runs)) < 4 * len(line):
+        runs = [run for run in runs if len(run) >= _SURELY_TEXT]
+    text = b" ".join(runs).decode("ascii").strip()
+    return text if len(text) >= _LEAST_TEXT else ""
 
 
 def _unescaped(raw: bytes) -> bytes:
@@ -127,9 +139,10 @@ class FrameReader:
 
     def take_text(self) -> list[str]:
         """Lines of text that came between frames, each told once."""
-        *lines, self._text = self._text.split(b"\n")
-        found = (b" ".join(_TEXT.findall(line)).decode("ascii").strip() for line in lines)
-        return [line for line in found if len(line) >= _LEAST_TEXT]
+        *lines, self._text = self._text.replace(b"\r", b"\n").split(b"\n")
+        found = [text for line in lines if (text := _readable(line))]
+        self.counters.text_lines += len(found)
+        return found
 
     def take_damaged(self) -> list[bytes]:
         """What is left of payloads that did not come through, each told once; the latest of many."""

@@ -5,28 +5,54 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import serial
 from serial.tools import list_ports
 
-__all__ = ["SerialLine", "find_boards"]
+__all__ = ["BY_ID", "SerialLine", "find_boards", "open_problem"]
 
 _READ_BYTES = 65536
 _MAX_WAITING = 65536
 _RASPBERRY_PI = 0x2E8A
-_BY_ID = Path("/dev/serial/by-id")
+BY_ID = Path("/dev/serial/by-id")
+_PICO_NAME = "usb-Raspberry_Pi_Pico"
 
 
-def find_boards() -> list[str]:
-    """Paths of the ports of Picos, by the name that stays theirs whichever socket they are put into."""
-    devices = {port.device for port in list_ports.comports() if port.vid == _RASPBERRY_PI}
-    if not devices:
-        return []
-    named = sorted(_BY_ID.iterdir()) if _BY_ID.is_dir() else []
+def find_boards(by_id: Path = BY_ID) -> list[str]:
+    """Paths of the ports of Picos, by the name that stays theirs whichever socket they are put into.
+
+    Args:
+        by_id: The directory of these names.
+    """
+    named = sorted(by_id.iterdir()) if by_id.is_dir() else []
     by_device = {str(path.resolve()): str(path) for path in named}
-    return sorted(by_device.get(device, device) for device in devices)
+    found = {str(path) for path in named if path.name.startswith(_PICO_NAME) and path.exists()}
+    for port in list_ports.comports():
+        if port.vid == _RASPBERRY_PI:
+            found.add(by_device.get(port.device, port.device))
+    return sorted(found)
+
+
+_WORDS = {
+    errno.ENOENT: "there is no such port; it is opened when it comes",
+    errno.EACCES: "you may not open it; add yourself to the group that owns it (on Debian: dialout)",
+    errno.EAGAIN: "another program has it",
+    errno.EBUSY: "another program has it",
+    errno.ENOTTY: "this is no serial port",
+    errno.EISDIR: "this is a directory and no serial port",
+}
+
+
+def open_problem(error: Exception) -> str:
+    """Why a port cannot be opened, in words."""
+    number = getattr(error, "errno", None)
+    if number is None and (found := re.search(r"\((\d+), ", str(error))):
+        number = int(found[1])  # of termios, which pyserial puts into its text
+    reason = _WORDS.get(number) if number is not None else None
+    return reason or getattr(error, "strerror", None) or str(error)
 
 
 class SerialLine:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 
+from simple_ros_firmware_bridge.mapping import graph_type
 from simple_ros_firmware_bridge.xrce.events import (
+    Endpoint,
     EndpointGone,
     EndpointRefused,
     Event,
@@ -31,9 +33,9 @@ def words_for(event: Event) -> tuple[int, str]:
         case SessionClosed(reason):
             return logging.WARNING, f"session over: {reason}"
         case WriterReady(endpoint):
-            return logging.INFO, f"publishes {endpoint.topic} ({endpoint.type_name})"
+            return logging.INFO, f"publishes {endpoint.topic} ({_type(endpoint)})"
         case ReaderReady(endpoint):
-            return logging.INFO, f"subscribes {endpoint.topic} ({endpoint.type_name})"
+            return logging.INFO, f"subscribes {endpoint.topic} ({_type(endpoint)})"
         case ServiceOffered(endpoint):
             return logging.INFO, f"provides service {endpoint.topic}"
         case ServiceWanted(endpoint):
@@ -44,3 +46,7 @@ def words_for(event: Event) -> tuple[int, str]:
             return logging.INFO, f"deleted its object {object_id!r}"
         case _:
             return logging.DEBUG, repr(event)
+
+
+def _type(endpoint: Endpoint) -> str:
+    return graph_type(endpoint.type_name) or endpoint.type_name

@@ -11,12 +11,12 @@ import contextlib
 import importlib.util
 import math
 import os
-import socket
 import sys
 from collections.abc import Coroutine
 from typing import Any, Protocol
 
 from simple_ros.demos.observer import TopicObserver
+from simple_ros.demos.ports import free_port
 from simple_ros.demos.processes import DemoProcess, ProcessEnded, Processes, UsageMeter
 from simple_ros.demos.quad_demo_view import DemoState, ProcessRow
 from simple_ros.errors import SimpleRosError
@@ -29,7 +29,6 @@ __all__ = ["DemoFailed", "Display", "QuadDemo"]
 _MASTER_MODULE = "simple_ros_master"
 _NODES = ("quad_simulator", "quad_visualizer")
 _BRIDGE = ("simple_ros.cli.main", "foxglove")
-_BRIDGE_PORTS = 20
 _TOPICS = {
     "quad_odometry": "geometry_msgs.Odometry",
     "quad_marker_array": "visualization_msgs.MarkerArray",
@@ -141,7 +140,7 @@ class QuadDemo:
 
     async def _start_bridge(self, port: int) -> None:
         module, *arguments = _BRIDGE
-        options = ("--master", self._master, "--port", str(_free_port(port)))
+        options = ("--master", self._master, "--port", str(free_port(port)))
         self._bridge = await self._start("foxglove", module, *arguments, *options)
 
     async def _learn_link(self) -> None:
@@ -233,14 +232,6 @@ class QuadDemo:
             rows.append(ProcessRow("demo_view", os.getpid(), "running", self._own_meter.usage()))
             self._process_rows = tuple(rows)
         return self._process_rows
-
-
-def _free_port(first: int) -> int:
-    """That port or one of the next that nobody listens on; 0, any, if all are taken."""
-    for port in range(first, min(first + _BRIDGE_PORTS, 65536)) if first else ():
-        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
-            return port
-    return 0
 
 
 async def _unless_ended(

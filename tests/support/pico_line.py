@@ -167,7 +167,7 @@ class Run:
             self.publish_due()
             self.pump()
         assert self.agent.session is not None
-        source = self.agent.session.inputs[0]
+        source = self.agent.session.streams.inputs[0]
         output = self.client.output
         return Outcome(
             published=self.client.counters.published,

@@ -90,6 +90,17 @@ def test_text_between_frames_is_the_log_of_the_board() -> None:
     assert reader.take_text() == []
 
 
+def test_noise_is_no_text() -> None:
+    reader = FrameReader()
+    rng = random.Random(20261122)
+    for _ in range(1000):
+        reader.feed(rng.randbytes(100).replace(b"\x7e", b""))
+        reader.take_text()
+    assert reader.counters.text_lines <= 2
+    reader.feed(b"\n\x80\x01\xff\x02" * 20 + b"motor driver is hot\r")
+    assert reader.take_text()[-1:] == ["motor driver is hot"]
+
+
 def test_a_flipped_bit_is_told_with_what_is_left() -> None:
     frame = bytearray(encode_frame(b"\x81\x80\x05\x00 a sample", 0, 0))
     frame[-4] ^= 0x10

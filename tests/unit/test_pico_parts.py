@@ -76,6 +76,9 @@ def facts(**changes: object) -> LineFacts:
         "why_closed": "",
         "has_session": True,
         "silence_s": 0.0,
+        "vain_bytes": 0,
+        "vain_lines": 0,
+        "vain_s": 0.0,
         "strangers": 0,
         "baud": 115200,
     }
@@ -87,19 +90,21 @@ def facts(**changes: object) -> LineFacts:
     [
         (facts(frames=100, bytes=9000), OK, "connected"),
         (facts(is_open=False, why_closed="no such file"), ERROR, "no such file"),
-        (facts(bytes=900), ERROR, "is 115200 baud right"),
+        (facts(vain_bytes=69, vain_s=3), ERROR, "is 115200 baud right"),
+        (facts(vain_bytes=900, vain_s=1), OK, "connected"),
+        (facts(vain_bytes=69, vain_s=3, vain_lines=2), ERROR, "is it micro-ROS"),
         (facts(frames=5, crlf_frames=1), ERROR, "CR LF"),
         (facts(silence_s=5.2), ERROR, "silent for 5 s"),
-        (facts(has_session=False, silence_s=5.2), WARN, "silent"),
+        (facts(has_session=False, silence_s=5.2), WARN, "is this its port"),
         (facts(has_session=False, strangers=3), WARN, "has to be reset"),
         (facts(has_session=False), WARN, "not connected yet"),
         (facts(frames=90, crc_errors=10), WARN, "10 of 100 messages came damaged"),
     ],
 )
 def test_what_a_line_is_like_in_words(found: LineFacts, level: int, words: str) -> None:
-    judged, text = judge_line(found)
-    assert judged == level
-    assert words in text
+    judged = judge_line(found)
+    assert judged.level == level
+    assert words in judged.text
 
 
 def test_boards_from_a_file(tmp_path: Path) -> None:

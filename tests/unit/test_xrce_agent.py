@@ -123,7 +123,7 @@ def test_the_answer_is_there_before_the_sample() -> None:
     made, _ = connected(ODOM)
     session = made.session
     assert session is not None
-    number = session.inputs[0].expected
+    number = session.streams.inputs[0].expected
     assert number is not None
     made.receive(write(number), 1.0)
     first = struct.pack("<H", number + 1)
@@ -135,19 +135,19 @@ def test_the_answer_is_there_before_the_sample() -> None:
 def test_messages_come_in_order_each_once() -> None:
     made, _ = connected(ODOM)
     assert made.session is not None
-    base = made.session.inputs[0].expected or 0
+    base = made.session.streams.inputs[0].expected or 0
     texts = []
     for offset in (1, 1, 3, 0, 2, 0):
         made.receive(write(base + offset, b"%d" % offset), 1.0)
         texts += [event.data for event in made.events()]
     assert texts == [b"0", b"1", b"2", b"3"]
-    assert made.session.inputs[0].counters.duplicates == 2
+    assert made.session.streams.inputs[0].counters.duplicates == 2
 
 
 def test_holes_are_asked_for_once_per_wait() -> None:
     made, _ = connected(ODOM)
     assert made.session is not None
-    base = made.session.inputs[0].expected or 0
+    base = made.session.streams.inputs[0].expected or 0
     made.data_to_send()
     asked = []
     for offset, now in ((1, 1.0), (2, 1.0001), (3, 1.0002), (4, 3.0)):
@@ -156,6 +156,28 @@ def test_holes_are_asked_for_once_per_wait() -> None:
         assert answer[8:10] == struct.pack("<H", base)
         asked.append(int.from_bytes(answer[10:12], "big"))
     assert asked == [1, 0, 0, 1]
+
+
+def test_on_a_line_that_damages_messages_answers_go_twice_and_questions_once() -> None:
+    made, _ = connected(ODOM)
+    assert made.session is not None
+    base = made.session.streams.inputs[0].expected or 0
+    made.receive(write(base), 1.0)
+    assert len(made.data_to_send()) == 1
+    made.line_damaged(b"", 1.1)
+    assert len(made.data_to_send()) == 1
+    made.receive(write(base + 1), 1.2)
+    first, second = made.data_to_send()
+    assert (
+        first == second == b"\x81\0\0\0\x0a\x01\x05\0" + struct.pack("<H", base + 2) + b"\0\0\x80"
+    )
+    made.receive(write(base + 3), 1.3)
+    assert len(made.data_to_send()) == 1
+    for number in range(2, 200):
+        made.receive(write(base + number), 2.0)
+        made.data_to_send()
+    made.receive(write(base + 200), 3.0)
+    assert len(made.data_to_send()) == 1
 
 
 def test_numbers_wrap() -> None:
@@ -167,7 +189,7 @@ def test_numbers_wrap() -> None:
             texts += [event.data for event in exchange(made, client, 1.0, rounds=2)]
     assert len(texts) == 140
     assert made.session is not None
-    stream = made.session.inputs[0]
+    stream = made.session.streams.inputs[0]
     stream.expected = 0xFFFE
     for number in (0xFFFE, 0xFFFF, 0, 1):
         made.receive(write(number), 2.0)
@@ -286,13 +308,13 @@ def test_lost_samples_down_are_sent_again_when_the_board_asks() -> None:
     exchange(made, client, 1.0)
     assert client.take_samples() == [(0, b"lost")]
     assert made.session is not None
-    assert made.session.downlinks[0].output.room == 4
+    assert made.session.streams.downlinks[0].output.room == 4
 
 
 def test_deleting() -> None:
     made, _ = connected(ODOM, CMD_VEL)
     assert made.session is not None
-    base = made.session.inputs[0].expected or 0
+    base = made.session.streams.inputs[0].expected or 0
     made.data_to_send()
     delete = b"\x03\x01\x04\x00\x00\x09" + WRITER
     made.receive(struct.pack("<BBH", 0x81, 0x80, base) + delete, 1.0)
@@ -311,7 +333,7 @@ def test_deleting() -> None:
 def test_a_sample_for_a_reader_that_nobody_created_is_refused() -> None:
     made, _ = connected(ODOM)
     assert made.session is not None
-    base = made.session.inputs[0].expected or 0
+    base = made.session.streams.inputs[0].expected or 0
     made.data_to_send()
     made.receive(
         struct.pack("<BBH", 0x81, 0x80, base)

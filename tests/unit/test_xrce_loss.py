@@ -48,10 +48,10 @@ def test_a_quiet_board_is_not_asked_for_ever() -> None:
     run.line.command_hz = 1e-6
     before = run.agent.session
     assert before is not None
-    asked = before.inputs[0].counters.asked
+    asked = before.streams.inputs[0].counters.asked
     end = run.now + 60
     while run.now < end:
         run.step(run.now + 1)
         run.pump()
-    assert before.inputs[0].counters.asked - asked <= 10
+    assert before.streams.inputs[0].counters.asked - asked <= 10
     assert run.agent.next_timeout() is None

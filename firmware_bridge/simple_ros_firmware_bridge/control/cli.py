@@ -11,8 +11,6 @@ import typer
 from simple_ros import aio
 from simple_ros.errors import SimpleRosError
 from simple_ros.ready import ready
-from simple_ros_firmware_bridge.control.manager import ControllerManager
-from simple_ros_firmware_bridge.control.settings import declared_settings, wants_mock
 
 __all__ = ["controller"]
 
@@ -34,6 +32,10 @@ def controller(
 
 
 async def _serve(master: str | None) -> None:
+    # Imported here: the bridge, which shares the command line, starts the sooner.
+    from simple_ros_firmware_bridge.control.manager import ControllerManager
+    from simple_ros_firmware_bridge.control.settings import declared_settings, wants_mock
+
     async with aio.NodeHandle("controller_manager", master=master) as node:
         settings = await declared_settings(node)
         manager = await ControllerManager.create(node, settings, is_mock=wants_mock())

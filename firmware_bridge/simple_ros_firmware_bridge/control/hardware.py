@@ -76,7 +76,7 @@ class _Fresh:
         if age > self._limit_s:
             raise HardwareError(
                 self._name,
-                f"the last {self._what} is {age * 1e3:.0f} ms old ({self._limit_s * 1e3:.0f} ms "
+                f"the last {self._what} came {age * 1e3:.0f} ms ago ({self._limit_s * 1e3:.0f} ms "
                 "is the limit)",
             )
 

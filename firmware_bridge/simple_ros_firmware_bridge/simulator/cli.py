@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from simple_ros import aio
-from simple_ros_firmware_bridge.simulator.firmware import Firmware
-from simple_ros_firmware_bridge.simulator.pty_board import PtyBoard
+
+if TYPE_CHECKING:
+    from simple_ros_firmware_bridge.simulator.firmware import Firmware
 
 __all__ = ["simulator"]
 
@@ -28,11 +29,15 @@ def simulator(
     ] = False,
 ) -> None:
     """Run a board that does not exist on a serial port that does not exist either."""
+    from simple_ros_firmware_bridge.simulator.firmware import Firmware
+
     aio.run(_serve(Firmware(seed, old_names=old_names, gives_up=gives_up), link))
 
 
 async def _serve(firmware: Firmware, link: Path | None) -> None:
     import asyncio
+
+    from simple_ros_firmware_bridge.simulator.pty_board import PtyBoard
 
     async with PtyBoard(firmware, link) as board:
         typer.echo(f"pico simulator: on {link or board.path}")

@@ -25,6 +25,12 @@ class PtyBoard:
         link: A path that shall point to the port, such as ``/tmp/pico``.
         spoil_up: What the line does to bytes to the bridge; for tests.
         spoil_down: What it does to bytes to the board.
+
+    Attributes:
+        link: As given.
+        path: Of the port.
+        sent_bytes: What the port took.
+        lost_bytes: What it did not take, since nobody read.
     """
 
     def __init__(
@@ -35,7 +41,7 @@ class PtyBoard:
         spoil_down: Spoil = bytes,
     ) -> None:
         self.firmware = firmware
-        self._link = link
+        self.link = link
         self._spoil_up = spoil_up
         self._spoil_down = spoil_down
         self._reader = LineReader()
@@ -46,6 +52,7 @@ class PtyBoard:
         self._loop = asyncio.get_running_loop()
         self._started_at = self._loop.time()
         self._timer: asyncio.TimerHandle | None = None
+        self.sent_bytes = 0
         self.lost_bytes = 0
 
     def now(self) -> float:
@@ -53,9 +60,9 @@ class PtyBoard:
         return self._loop.time() - self._started_at
 
     async def __aenter__(self) -> Self:
-        if self._link is not None:
-            self._link.unlink(missing_ok=True)
-            self._link.symlink_to(self.path)
+        if self.link is not None:
+            self.link.unlink(missing_ok=True)
+            self.link.symlink_to(self.path)
         self._loop.add_reader(self._ours, self._readable)
         self._run()
         return self
@@ -70,15 +77,21 @@ class PtyBoard:
         self._loop.remove_reader(self._ours)
         if self._timer is not None:
             self._timer.cancel()
-        if self._link is not None:
-            self._link.unlink(missing_ok=True)
+        if self.link is not None:
+            self.link.unlink(missing_ok=True)
         os.close(self._ours)
         os.close(self._theirs)
         self._ours = -1
 
     def say(self, text: str) -> None:
         """What printf on the same line does."""
-        self._write(text.encode())
+        self.noise(text.encode())
+
+    def noise(self, data: bytes) -> int:
+        """Bytes that are no message; gives how many of them the port took."""
+        before = self.sent_bytes
+        self._write(data)
+        return self.sent_bytes - before
 
     def _readable(self) -> None:
         try:
@@ -105,4 +118,5 @@ class PtyBoard:
             sent = os.write(self._ours, data)
         except BlockingIOError:
             sent = 0
+        self.sent_bytes += sent
         self.lost_bytes += len(data) - sent

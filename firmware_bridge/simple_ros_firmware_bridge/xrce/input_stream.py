@@ -11,6 +11,8 @@ from simple_ros_firmware_bridge.xrce.patience import Patience
 __all__ = ["InputCounters", "ReliableInput"]
 
 _WINDOW = 16
+_TROUBLE_KEPT = 0.99
+_TROUBLED = 0.5
 _FRAGMENT = bytes((wire.SubmessageId.FRAGMENT,))
 
 
@@ -53,6 +55,7 @@ class ReliableInput:
         self._heard_at: float | None = None
         self._questions = 0
         self._in_train = False
+        self._trouble = 0.0
 
     def receive(self, sequence: int, body: bytes, now: float) -> list[bytes]:
         """What can be handed on now, in order. Answer with `answer` afterwards, whatever it gives."""
@@ -60,6 +63,7 @@ class ReliableInput:
             self.expected = sequence
         self._heard_at = now
         self._questions = 0
+        self._trouble *= _TROUBLE_KEPT
         ahead = distance(self.expected, sequence)
         if ahead < 0 or sequence in self._held:
             self._count_duplicate(sequence)
@@ -139,8 +143,22 @@ class ReliableInput:
         self._answered_at = now
         return wire.acknack(self.expected, missing, self.stream)
 
+    @property
+    def is_answered_twice(self) -> bool:
+        """Whether the answer goes out twice: on a line that damages messages it costs less than a lost one.
+
+        A board that waits for an answer that was lost stands still until it is asked. An answer that asks for
+        something goes once, as the board would send that twice.
+        """
+        return self._trouble > _TROUBLED and not self._held
+
+    def damaged(self, now: float) -> bytes | None:
+        """Something was damaged on its way, and may have been the next message: what `ask` gives."""
+        self._trouble += 1
+        return self.ask(now)
+
     def ask(self, now: float, *, by_patience: bool = False) -> bytes | None:
-        """ACKNACK that asks for the next message: something was damaged, or it is quiet for long.
+        """ACKNACK that asks for the next message: it is quiet for long, or there is another reason.
 
         None if it was asked for just now, or if nothing is known of the stream yet.
         """

@@ -1,4 +1,4 @@
-"""One session: its streams, its objects, and what each submessage of the board means."""
+"""One session: what each submessage of the board means, and what is written to its readers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable
 from simple_ros.errors import MessageTooLarge
 from simple_ros_firmware_bridge.xrce import wire
 from simple_ros_firmware_bridge.xrce.creation import ObjectId, Reader, parse_creation
-from simple_ros_firmware_bridge.xrce.downlink import Downlink, best_effort_limit
+from simple_ros_firmware_bridge.xrce.downlink import best_effort_limit
 from simple_ros_firmware_bridge.xrce.events import (
     Endpoint,
     EndpointGone,
@@ -23,11 +23,8 @@ from simple_ros_firmware_bridge.xrce.events import (
     ServiceWanted,
     WriterReady,
 )
-from simple_ros_firmware_bridge.xrce.fragments import Reassembly
-from simple_ros_firmware_bridge.xrce.input_stream import ReliableInput
-from simple_ros_firmware_bridge.xrce.numbers import after, distance
 from simple_ros_firmware_bridge.xrce.objects import Identity, Objects, ReadRequest
-from simple_ros_firmware_bridge.xrce.output_stream import ReliableOutput
+from simple_ros_firmware_bridge.xrce.streams import SessionStreams
 from simple_ros_firmware_bridge.xrce.wire import (
     Header,
     Kind,
@@ -40,7 +37,6 @@ from simple_ros_firmware_bridge.xrce.wire import (
 __all__ = ["Session", "UnknownReader", "UnknownWriter"]
 
 _UNLIMITED = 0xFFFF
-_MAX_STREAMS = 8
 _GUID_BYTES = 16
 
 
@@ -75,30 +71,20 @@ class Session:
     def __init__(self, identity: Identity, objects: Objects, *, is_resumed: bool = False) -> None:
         self.identity = identity
         self.objects = objects
+        self.streams = SessionStreams(identity, is_resumed=is_resumed)
         self.malformed = 0
-        self.old = 0
         self._is_resumed = is_resumed
-        self._start = None if is_resumed else 0
-        self._inputs: dict[int, ReliableInput] = {}
-        self._downlinks: dict[int, Downlink] = {}
-        self._reassembly: dict[int, Reassembly] = {}
-        self._best_effort_in: dict[int, int] = {}
-        self._best_effort_out: dict[int, int] = {}
-        self._out: list[bytes] = []
         self._events: deque[Event] = deque()
         self._handlers: dict[int, Callable[[int, Submessage, float], None]] = {
             SubmessageId.CREATE: self._create,
             SubmessageId.DELETE: self._delete,
-            SubmessageId.WRITE_DATA: self._write_data,
+            SubmessageId.WRITE_DATA: lambda stream, item, _: self._write_data(stream, item),
             SubmessageId.READ_DATA: self._read_data,
-            SubmessageId.ACKNACK: self._acknack,
-            SubmessageId.HEARTBEAT: self._heartbeat,
-            SubmessageId.RESET: self._reset,
+            SubmessageId.ACKNACK: lambda _, item, now: self.streams.acknack(item, now),
+            SubmessageId.HEARTBEAT: lambda _, item, now: self._heartbeat(item, now),
+            SubmessageId.RESET: lambda *_: self.streams.reset(),
             SubmessageId.FRAGMENT: self._fragment,
         }
-        if is_resumed:
-            self._input(wire.RELIABLE)
-            self._downlink(wire.RELIABLE)
 
     # -- what comes ----------------------------------------------------------------------------
 
@@ -108,27 +94,8 @@ class Session:
         Raises:
             UnknownWriter: It is not the board we take it for.
         """
-        stream = header.stream
-        if stream == wire.NO_STREAM:
-            self._handle(stream, data[header.size :], now)
-        elif not wire.is_reliable(stream):
-            self._receive_best_effort(header, data, now)
-        else:
-            source = self._input(stream)
-            ready = source.receive(header.sequence, data[header.size :], now)
-            # The board stands still until it has this; decoding can wait.
-            self._send(source.answer(now))
-            for body in ready:
-                self._handle(stream, body, now)
-
-    def _receive_best_effort(self, header: Header, data: bytes, now: float) -> None:
-        last = self._best_effort_in.get(header.stream)
-        if last is not None and distance(last, header.sequence) <= 0:
-            self.old += 1
-            return
-        if last is not None or len(self._best_effort_in) < _MAX_STREAMS:
-            self._best_effort_in[header.stream] = header.sequence
-        self._handle(header.stream, data[header.size :], now)
+        for body in self.streams.receive(header, data, now):
+            self._handle(header.stream, body, now)
 
     def _handle(self, stream: int, body: bytes, now: float) -> None:
         try:
@@ -140,6 +107,16 @@ class Session:
             raise
         except MalformedMessage:
             self.malformed += 1
+
+    def _heartbeat(self, item: Submessage, now: float) -> None:
+        stream, ready = self.streams.heartbeat(item, now)
+        for body in ready:
+            self._handle(stream, body, now)
+
+    def _fragment(self, stream: int, item: Submessage, now: float) -> None:
+        whole = self.streams.fragment(stream, item)
+        if whole is not None:
+            self._handle(stream, whole, now)
 
     def _create(self, stream: int, item: Submessage, now: float) -> None:
         wanted = parse_creation(item.payload, item.order)
@@ -160,16 +137,15 @@ class Session:
         status = self.objects.delete(object_id)
         self._status(stream, item.payload[:4], status, now)
         if status == Status.OK and object_id.kind >= Kind.DATAWRITER:
-            self._forget_samples(object_id)
+            self.streams.forget(object_id)
             self._events.append(EndpointGone(object_id))
 
-    def _forget_samples(self, reader: ObjectId) -> None:
-        for downlink in self._downlinks.values():
-            downlink.forget(reader)
+    def _status(self, stream: int, ids: bytes, status: Status, now: float) -> None:
+        body = wire.submessage(SubmessageId.STATUS, ids + bytes((status, 0)))
+        self.streams.answer(stream, body, now)
 
-    def _write_data(self, stream: int, item: Submessage, now: float) -> None:  # noqa: ARG002
-        if stream in self._reassembly:
-            self._reassembly[stream].whole_came()
+    def _write_data(self, stream: int, item: Submessage) -> None:
+        self.streams.whole_came(stream)
         if len(item.payload) < 4 or item.flags & 0x0E:
             raise MalformedMessage("WRITE_DATA that is no single sample")
         writer = ObjectId(item.payload[2:4])
@@ -200,7 +176,7 @@ class Session:
         if endpoint is None:
             self._status(stream, request + reader, Status.UNKNOWN_REFERENCE, now)
             return
-        self._forget_samples(reader)
+        self.streams.forget(reader)
         if count == 0:
             if self.objects.reads.pop(reader, None) is not None:
                 self._events.append(EndpointGone(reader))
@@ -210,47 +186,6 @@ class Session:
         self.objects.reads[reader] = ReadRequest(request, wanted_stream, remaining)
         if is_new:
             self._events.append(ready_event(endpoint))
-
-    def _acknack(self, stream: int, item: Submessage, now: float) -> None:  # noqa: ARG002
-        fields = Reader(item.payload, item.order)
-        first = fields.number("H")
-        missing = int.from_bytes(fields.raw(2), "big")
-        downlink = self._downlinks.get(fields.raw(1)[0])
-        if downlink is not None:
-            again = downlink.output.acknowledged(first, missing, now)
-            self._send_numbered(downlink.output.stream, again)
-            self._send_due(downlink, now)
-
-    def _heartbeat(self, stream: int, item: Submessage, now: float) -> None:  # noqa: ARG002
-        fields = Reader(item.payload, item.order)
-        first, last = fields.number("H"), fields.number("H")
-        source_stream = fields.raw(1)[0]
-        if not wire.is_reliable(source_stream):
-            return
-        source = self._input(source_stream)
-        ready = source.heartbeat(first, now)
-        self._send(source.answer(now, last))
-        for body in ready:
-            self._handle(source_stream, body, now)
-
-    def _reset(self, stream: int, item: Submessage, now: float) -> None:  # noqa: ARG002
-        self._inputs.clear()
-        self._downlinks.clear()
-        self._reassembly.clear()
-        self._best_effort_in.clear()
-        self._best_effort_out.clear()
-        self._start = 0
-
-    def _fragment(self, stream: int, item: Submessage, now: float) -> None:
-        if not wire.is_reliable(stream):
-            raise MalformedMessage("a fragment on a stream that may lose some")
-        reassembly = self._reassembly.get(stream)
-        if reassembly is None:
-            reassembly = self._reassembly[stream] = Reassembly()
-        skipped = self._input(stream).counters.skipped
-        whole = reassembly.add(item.payload, skipped, is_last=item.is_last_fragment)
-        if whole is not None:
-            self._handle(stream, whole, now)
 
     # -- what goes -----------------------------------------------------------------------------
 
@@ -284,87 +219,25 @@ class Session:
             raise UnknownReader(repr(reader))
         payload = request.request_id + reader + data
         if wire.is_reliable(request.stream):
-            downlink = self._downlink(request.stream)
-            downlink.offer((reader, call), topic, payload, len(data))
-            self._send_due(downlink, now)
+            self.streams.offer(request.stream, (reader, call), topic, payload, len(data), now)
         else:
             limit = best_effort_limit(self.identity.mtu) - (4 if self.identity.is_keyed else 0)
             if len(data) > limit:
                 raise MessageTooLarge(topic, len(data), limit)
-            self._send_best_effort(request.stream, wire.submessage(SubmessageId.DATA, payload))
+            body = wire.submessage(SubmessageId.DATA, payload)
+            self.streams.send_best_effort(request.stream, body)
         if request.remaining is not None:
             request.remaining -= 1
             if not request.remaining:
                 del self.objects.reads[reader]
 
     def line_damaged(self, remains: bytes, now: float) -> None:
-        """Something came that was no longer readable: most likely the message waited for."""
-        mine = remains[:1] == bytes((self.identity.session_id,))
-        if mine and len(remains) > 1 and not wire.is_reliable(remains[1]):
-            return  # an answer or a best-effort sample: nobody waits for it
-        for source in self._inputs.values():
-            self._send_if(source.ask(now))
+        """As `SessionStreams.line_damaged` says."""
+        self.streams.line_damaged(remains, now)
 
-    def _status(self, stream: int, ids: bytes, status: Status, now: float) -> None:
-        body = wire.submessage(SubmessageId.STATUS, ids + bytes((status, 0)))
-        if wire.is_reliable(stream):
-            downlink = self._downlink(wire.RELIABLE)
-            downlink.answer(body)
-            self._send_due(downlink, now)
-        else:
-            self._send_best_effort(wire.BEST_EFFORT, body)
-
-    def _send_due(self, downlink: Downlink, now: float) -> None:
-        self._send_numbered(downlink.output.stream, downlink.due(now))
-
-    def _send_numbered(self, stream: int, messages: list[tuple[int, bytes]]) -> None:
-        for sequence, body in messages:
-            self._put(stream, sequence, body)
-
-    def _send_best_effort(self, stream: int, body: bytes) -> None:
-        sequence = self._best_effort_out.get(stream, 0)
-        self._best_effort_out[stream] = after(sequence)
-        self._put(stream, sequence, body)
-
-    def _send(self, body: bytes) -> None:
-        self._put(wire.NO_STREAM, 0, body)
-
-    def _send_if(self, body: bytes | None) -> None:
-        if body is not None:
-            self._send(body)
-
-    def _put(self, stream: int, sequence: int, body: bytes) -> None:
-        who = self.identity
-        self._out.append(wire.message(who.session_id, stream, sequence, who.key, body))
-
-    # -- streams and time ----------------------------------------------------------------------
-
-    def _input(self, stream: int) -> ReliableInput:
-        found = self._inputs.get(stream)
-        if found is None:
-            if len(self._inputs) >= _MAX_STREAMS:
-                raise MalformedMessage("too many streams")
-            found = self._inputs[stream] = ReliableInput(stream, self._start)
-            self._reassembly[stream] = Reassembly(in_middle=self._start is None)
-        return found
-
-    def _downlink(self, stream: int) -> Downlink:
-        found = self._downlinks.get(stream)
-        if found is None:
-            who = self.identity
-            output = ReliableOutput(stream, self._start)
-            found = self._downlinks[stream] = Downlink(output, who.mtu, is_keyed=who.is_keyed)
-        return found
-
-    @property
-    def inputs(self) -> list[ReliableInput]:
-        """Reliable streams from the board."""
-        return list(self._inputs.values())
-
-    @property
-    def downlinks(self) -> list[Downlink]:
-        """Reliable streams to the board."""
-        return list(self._downlinks.values())
+    def data_to_send(self) -> list[bytes]:
+        """Messages for the board, each told once."""
+        return self.streams.data_to_send()
 
     def ready_events(self) -> list[Event]:
         """What the board has: as if it had just created it."""
@@ -372,11 +245,6 @@ class Session:
         asking = [self.objects.endpoint(reader) for reader in self.objects.reads]
         ready: list[Event] = [WriterReady(item) for item in writers]
         return ready + [ready_event(item) for item in asking if item is not None]
-
-    def data_to_send(self) -> list[bytes]:
-        """Messages for the board, each told once."""
-        out, self._out = self._out, []
-        return out
 
     def events(self) -> list[Event]:
         """What happened, each told once."""
@@ -386,14 +254,8 @@ class Session:
 
     def next_timeout(self) -> float | None:
         """When to call `handle_timeout`."""
-        times = [item.next_timeout() for item in self._inputs.values()]
-        times += [item.output.next_timeout() for item in self._downlinks.values()]
-        return min((time for time in times if time is not None), default=None)
+        return self.streams.next_timeout()
 
     def handle_timeout(self, now: float) -> None:
         """Send what is due."""
-        for source in self._inputs.values():
-            self._send_if(source.handle_timeout(now))
-        for downlink in self._downlinks.values():
-            self._send_if(downlink.output.handle_timeout(now))
-            self._send_due(downlink, now)
+        self.streams.handle_timeout(now)
