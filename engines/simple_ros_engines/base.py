@@ -4,52 +4,35 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 import time
 from abc import abstractmethod
-from collections.abc import Hashable
+from collections import deque
+from collections.abc import Callable, Hashable
 from typing import Any, Generic, TypeVar
 
+import psutil
 from google.protobuf.message import Message
 
 from simple_ros.engine import Engine
 from simple_ros.msg.wireless_ros_msgs import EngineStatus
+from simple_ros.msg.wireless_ros_msgs import Histogram as HistogramMessage
 from simple_ros.node import NodeHandle
-from simple_ros.publisher import Publisher
 from simple_ros.qos import QosProfile
+from simple_ros_engines.heartbeat import answer_heartbeats
+from simple_ros_engines.histogram import BOUNDS_MS, Histogram
 from simple_ros_engines.modes import Intake, IntervalControl, Mode, mode_of
+from simple_ros_engines.topics import NAMESPACE, Inlet, Outlet, outlet
 
-__all__ = ["NAMESPACE", "Outlet", "WirelessEngine", "outlet"]
+__all__ = ["NAMESPACE", "Inlet", "Outlet", "WirelessEngine", "outlet"]
 
 logger = logging.getLogger(__name__)
 
-NAMESPACE = "wireless_ros"
 HEARTBEAT_S = 0.5
+_JUDGED = 100
+_ERROR_BUDGET = 0.05
 Item = TypeVar("Item")
 MessageT = TypeVar("MessageT", bound=Message)
-
-
-class Outlet(Generic[MessageT]):
-    """A publisher that numbers its messages.
-
-    Args:
-        publisher: Of a message with a header.
-    """
-
-    def __init__(self, publisher: Publisher[MessageT]) -> None:
-        self._publisher = publisher
-        self._seq = 0
-
-    @property
-    def is_heard(self) -> bool:
-        """Whether anybody listens."""
-        return self._publisher.subscriber_count > 0
-
-    def publish(self, message: MessageT) -> None:
-        """Number and send."""
-        header: Any = getattr(message, "header")  # noqa: B009
-        header.seq = self._seq
-        self._seq = (self._seq + 1) & 0xFFFFFFFF
-        self._publisher.publish(message)
 
 
 class WirelessEngine(Engine, Generic[Item]):
@@ -64,17 +47,45 @@ class WirelessEngine(Engine, Generic[Item]):
     def __init__(self) -> None:
         self.state = "starting"
         self.detail = ""
-        self.processed = 0
         self.errors = 0
-        self._spent_s = 0.0
-        self._longest_s = 0.0
+        self.inlets: list[Inlet[Any]] = []
+        self.times = Histogram()
+        self._longest_ms = 0.0
+        self._failed: deque[bool] = deque(maxlen=_JUDGED)
+        self._last_error = ""
+        self._process = psutil.Process()
         self._intake: Intake[Item] = Intake(Mode.REALTIME)
         self._control = IntervalControl(self.update_interval_s)
+
+    @property
+    def processed(self) -> int:
+        """How many items it looked at."""
+        return self.times.count
+
+    async def listen(
+        self,
+        node: NodeHandle,
+        topic: str,
+        message_class: type[MessageT],
+        callback: Callable[[MessageT], None],
+    ) -> None:
+        """Subscribe to what another engine numbers; its gaps and duplicates are part of the status.
+
+        Args:
+            node: Subscribes.
+            topic: Below the engines' namespace.
+            message_class: Of a message with a header.
+            callback: Called with each message that is new.
+        """
+        inlet = Inlet(f"/{NAMESPACE}/{topic}", callback)
+        self.inlets.append(inlet)
+        await node.subscribe(f"/{NAMESPACE}/{topic}", message_class, inlet.came)
 
     async def run(self, node: NodeHandle) -> None:
         """Work until cancelled or the node ends."""
         await self._declare_common(node)
         await self.set_up(node)
+        await answer_heartbeats(node)
         status = await node.advertise(
             f"/{NAMESPACE}/status", EngineStatus, qos=QosProfile(depth=10)
         )
@@ -117,18 +128,27 @@ class WirelessEngine(Engine, Generic[Item]):
         for due in self._intake.offer(key, item):
             self._look(due)
 
+    def forget(self, key: Hashable) -> None:
+        """Nothing more is expected of a link."""
+        self._intake.forget(key)
+
     def _look(self, item: Item) -> None:
         begun = time.perf_counter()
+        failed = False
         try:
             self.look_at(item)
-        except Exception:
+        except Exception as error:
             # One link's trouble must not be every link's.
+            failed = True
             self.errors += 1
-            logger.exception("%s cannot handle an item", self.node_name)
-        took = time.perf_counter() - begun
-        self.processed += 1
-        self._spent_s += took
-        self._longest_s = max(self._longest_s, took)
+            text = f"{type(error).__name__}: {error}"
+            if text != self._last_error:
+                logger.exception("%s cannot handle an item", self.node_name)
+            self._last_error = text
+        self._failed.append(failed)
+        took_ms = 1000 * (time.perf_counter() - begun)
+        self.times.add(took_ms)
+        self._longest_ms = max(self._longest_ms, took_ms)
 
     async def _tick(self, node: NodeHandle) -> None:
         while True:
@@ -166,31 +186,53 @@ class WirelessEngine(Engine, Generic[Item]):
         for item in waiting:
             self._look(item)
 
+    def inactive_count(self) -> int:
+        """How many links are known that say nothing now."""
+        return 0
+
+    def measures(self) -> dict[str, float]:
+        """What else the engine counts and measures, by name."""
+        return {}
+
+    def verdict(self) -> tuple[str, str]:
+        """State (active, degraded) and what is wrong."""
+        overrun = self.error_overrun()
+        return ("degraded", overrun) if overrun else (self.state, self.detail)
+
+    def error_overrun(self) -> str:
+        """That more of the last inputs failed than may, and why the last did; empty if not."""
+        failed = sum(self._failed)
+        if failed <= _ERROR_BUDGET * _JUDGED:
+            return ""
+        return f"{failed} of the last {len(self._failed)} inputs failed, with {self._last_error}"
+
     def status(self, node: NodeHandle) -> EngineStatus:
         """How it is, and what it did since the last time it was asked."""
-        mean = self._spent_s / self.processed if self.processed else 0.0
+        state, detail = self.verdict()
+        times = self.times
         message = EngineStatus(
             name=node.name,
             mode=self._intake.mode.value,
-            state=self.state,
-            detail=self.detail,
-            processed=self.processed,
+            state=state,
+            detail=detail,
+            processed=times.count,
             skipped=self._intake.skipped,
             errors=self.errors,
             links=self.link_count(),
-            processing_ms_mean=1000 * mean,
-            processing_ms_max=1000 * self._longest_s,
+            inactive_links=self.inactive_count(),
+            processing_ms_mean=times.mean_ms(),
+            processing_ms_max=self._longest_ms,
+            processing_ms_p50=times.quantile_ms(0.5),
+            processing_ms_p99=times.quantile_ms(0.99),
+            processing=HistogramMessage(bounds_ms=BOUNDS_MS, counts=times.counts),
+            inputs=[inlet.flow() for inlet in self.inlets],
+            measures=self.measures(),
+            kind="engine",
+            pid=self._process.pid,
+            host=socket.gethostname(),
+            cpu_percent=self._process.cpu_percent(),
+            memory_bytes=self._process.memory_info().rss,
         )
         message.header.stamp.FromNanoseconds(node.clock.now().nanoseconds)
-        self._longest_s = 0.0
+        self._longest_ms = 0.0
         return message
-
-
-async def outlet(
-    node: NodeHandle, topic: str, message_class: type[MessageT], depth: int = 10
-) -> Outlet[MessageT]:
-    """A numbered publisher below the engines' namespace."""
-    publisher = await node.advertise(
-        f"/{NAMESPACE}/{topic}", message_class, qos=QosProfile(depth=depth)
-    )
-    return Outlet(publisher)

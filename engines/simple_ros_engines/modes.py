@@ -102,6 +102,10 @@ class Intake(Generic[Item]):
         self.skipped += before is not None
         self._waiting[key] = _Waiting(item, before.passed_over if before else 0)
 
+    def forget(self, key: Hashable) -> None:
+        """Keep nothing of a link to compare with."""
+        self._taken.pop(key, None)
+
     def tick(self) -> list[Item]:
         """An interval is over; gives what to look at now."""
         if self.mode is Mode.BURST:

@@ -189,3 +189,55 @@ class GridCells(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___GridCells: _TypeAlias = GridCells  # noqa: Y015
+
+@_typing.final
+class GetPlanRequest(_message.Message):
+    """Plan a path between two poses."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    START_FIELD_NUMBER: _builtins.int
+    GOAL_FIELD_NUMBER: _builtins.int
+    TOLERANCE_FIELD_NUMBER: _builtins.int
+    tolerance: _builtins.float
+    """how far from the goal the path may end, m"""
+    @_builtins.property
+    def start(self) -> _geometry_msgs_pb2.PoseStamped: ...
+    @_builtins.property
+    def goal(self) -> _geometry_msgs_pb2.PoseStamped: ...
+    def __init__(
+        self,
+        *,
+        start: _geometry_msgs_pb2.PoseStamped | None = ...,
+        goal: _geometry_msgs_pb2.PoseStamped | None = ...,
+        tolerance: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["goal", b"goal", "start", b"start"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["goal", b"goal", "start", b"start", "tolerance", b"tolerance"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetPlanRequest: _TypeAlias = GetPlanRequest  # noqa: Y015
+
+@_typing.final
+class GetPlanResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PLAN_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def plan(self) -> Global___Path:
+        """empty if there is none"""
+
+    def __init__(
+        self,
+        *,
+        plan: Global___Path | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["plan", b"plan"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["plan", b"plan"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetPlanResponse: _TypeAlias = GetPlanResponse  # noqa: Y015

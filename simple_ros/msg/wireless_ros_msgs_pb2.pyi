@@ -12,6 +12,7 @@ from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
 from google.protobuf.internal import containers as _containers
 from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from simple_ros.msg import geometry_msgs_pb2 as _geometry_msgs_pb2
 from simple_ros.msg import nav_msgs_pb2 as _nav_msgs_pb2
 from simple_ros.msg import std_msgs_pb2 as _std_msgs_pb2
 import builtins as _builtins
@@ -133,6 +134,8 @@ class ChannelState(_message.Message):
     PRB_CELL_USED_FIELD_NUMBER: _builtins.int
     PRB_TOTAL_FIELD_NUMBER: _builtins.int
     FIELD_QUALITY_FIELD_NUMBER: _builtins.int
+    ECHO_RTT_MS_FIELD_NUMBER: _builtins.int
+    AGE_S_FIELD_NUMBER: _builtins.int
     rnti: _builtins.int
     """radio network temporary identifier; 0 where the source has none"""
     in_sync: _builtins.bool
@@ -209,6 +212,10 @@ class ChannelState(_message.Message):
     """the same, all links of the cell"""
     prb_total: _builtins.int
     """blocks of the carrier"""
+    echo_rtt_ms: _builtins.float
+    """of heartbeats that the other host's program sent back"""
+    age_s: _builtins.float
+    """how long before it came it was measured, by this computer's clock"""
     @_builtins.property
     def header(self) -> _std_msgs_pb2.Header: ...
     @_builtins.property
@@ -264,10 +271,12 @@ class ChannelState(_message.Message):
         prb_cell_used: _builtins.float = ...,
         prb_total: _builtins.int = ...,
         field_quality: _abc.Mapping[_builtins.str, Global___FieldQuality.ValueType] | None = ...,
+        echo_rtt_ms: _builtins.float = ...,
+        age_s: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["avg_rsrp", b"avg_rsrp", "cqi", b"cqi", "dl_bler", b"dl_bler", "dl_current_rbs", b"dl_current_rbs", "dl_max_mcs", b"dl_max_mcs", "dl_mcs", b"dl_mcs", "dl_num_mac_sdu", b"dl_num_mac_sdu", "dl_pdus_total", b"dl_pdus_total", "dl_sinr", b"dl_sinr", "dl_thr", b"dl_thr", "dl_total_rbs", b"dl_total_rbs", "dlsch_current_bytes", b"dlsch_current_bytes", "dlsch_errors", b"dlsch_errors", "dlsch_total_bytes", b"dlsch_total_bytes", "estimated_ul_buffer", b"estimated_ul_buffer", "field_quality", b"field_quality", "frame", b"frame", "header", b"header", "in_sync", b"in_sync", "link_id", b"link_id", "loss", b"loss", "num_rsrp_meas", b"num_rsrp_meas", "num_total_bytes", b"num_total_bytes", "pcmax", b"pcmax", "ph", b"ph", "prb_cell_used", b"prb_cell_used", "prb_total", b"prb_total", "prb_used", b"prb_used", "pusch_snr", b"pusch_snr", "raw_rssi", b"raw_rssi", "ri", b"ri", "rnti", b"rnti", "rsrq", b"rsrq", "rtt_ms", b"rtt_ms", "sched_ul_bytes", b"sched_ul_bytes", "session", b"session", "slot", b"slot", "source", b"source", "ul_bler", b"ul_bler", "ul_current_rbs", b"ul_current_rbs", "ul_mcs", b"ul_mcs", "ul_num_mac_sdu", b"ul_num_mac_sdu", "ul_rssi", b"ul_rssi", "ul_thr", b"ul_thr", "ul_total_rbs", b"ul_total_rbs", "ulsch_current_bytes", b"ulsch_current_bytes", "ulsch_errors", b"ulsch_errors", "ulsch_total_bytes", b"ulsch_total_bytes"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["age_s", b"age_s", "avg_rsrp", b"avg_rsrp", "cqi", b"cqi", "dl_bler", b"dl_bler", "dl_current_rbs", b"dl_current_rbs", "dl_max_mcs", b"dl_max_mcs", "dl_mcs", b"dl_mcs", "dl_num_mac_sdu", b"dl_num_mac_sdu", "dl_pdus_total", b"dl_pdus_total", "dl_sinr", b"dl_sinr", "dl_thr", b"dl_thr", "dl_total_rbs", b"dl_total_rbs", "dlsch_current_bytes", b"dlsch_current_bytes", "dlsch_errors", b"dlsch_errors", "dlsch_total_bytes", b"dlsch_total_bytes", "echo_rtt_ms", b"echo_rtt_ms", "estimated_ul_buffer", b"estimated_ul_buffer", "field_quality", b"field_quality", "frame", b"frame", "header", b"header", "in_sync", b"in_sync", "link_id", b"link_id", "loss", b"loss", "num_rsrp_meas", b"num_rsrp_meas", "num_total_bytes", b"num_total_bytes", "pcmax", b"pcmax", "ph", b"ph", "prb_cell_used", b"prb_cell_used", "prb_total", b"prb_total", "prb_used", b"prb_used", "pusch_snr", b"pusch_snr", "raw_rssi", b"raw_rssi", "ri", b"ri", "rnti", b"rnti", "rsrq", b"rsrq", "rtt_ms", b"rtt_ms", "sched_ul_bytes", b"sched_ul_bytes", "session", b"session", "slot", b"slot", "source", b"source", "ul_bler", b"ul_bler", "ul_current_rbs", b"ul_current_rbs", "ul_mcs", b"ul_mcs", "ul_num_mac_sdu", b"ul_num_mac_sdu", "ul_rssi", b"ul_rssi", "ul_thr", b"ul_thr", "ul_total_rbs", b"ul_total_rbs", "ulsch_current_bytes", b"ulsch_current_bytes", "ulsch_errors", b"ulsch_errors", "ulsch_total_bytes", b"ulsch_total_bytes"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -370,6 +379,9 @@ class SpectrumAnalysis(_message.Message):
     INTERFERENCE_KNOWN_FIELD_NUMBER: _builtins.int
     ZONES_FIELD_NUMBER: _builtins.int
     INTERFERENCE_PATTERN_FIELD_NUMBER: _builtins.int
+    POSITION_KNOWN_FIELD_NUMBER: _builtins.int
+    POSITION_FIELD_NUMBER: _builtins.int
+    FRAME_ID_FIELD_NUMBER: _builtins.int
     rnti: _builtins.int
     utilization: _builtins.float
     """share of the carrier's blocks in use, 0..1"""
@@ -388,11 +400,19 @@ class SpectrumAnalysis(_message.Message):
     interference_known: _builtins.bool
     interference_pattern: _builtins.bool
     """more block errors than signal and MCS explain, lasting"""
+    position_known: _builtins.bool
+    """only of the robot's own link"""
+    frame_id: _builtins.str
+    """of position"""
     @_builtins.property
     def header(self) -> _std_msgs_pb2.Header: ...
     @_builtins.property
     def zones(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """names of the zone rules that hold"""
+
+    @_builtins.property
+    def position(self) -> _geometry_msgs_pb2.Point:
+        """where the robot was"""
 
     def __init__(
         self,
@@ -410,10 +430,13 @@ class SpectrumAnalysis(_message.Message):
         interference_known: _builtins.bool = ...,
         zones: _abc.Iterable[_builtins.str] | None = ...,
         interference_pattern: _builtins.bool = ...,
+        position_known: _builtins.bool = ...,
+        position: _geometry_msgs_pb2.Point | None = ...,
+        frame_id: _builtins.str = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header", "position", b"position"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["anomaly_detected", b"anomaly_detected", "anomaly_type", b"anomaly_type", "estimated_snr", b"estimated_snr", "header", b"header", "interference_known", b"interference_known", "interference_level", b"interference_level", "interference_pattern", b"interference_pattern", "link_id", b"link_id", "rnti", b"rnti", "spectral_efficiency", b"spectral_efficiency", "utilization", b"utilization", "utilization_known", b"utilization_known", "zones", b"zones"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["anomaly_detected", b"anomaly_detected", "anomaly_type", b"anomaly_type", "estimated_snr", b"estimated_snr", "frame_id", b"frame_id", "header", b"header", "interference_known", b"interference_known", "interference_level", b"interference_level", "interference_pattern", b"interference_pattern", "link_id", b"link_id", "position", b"position", "position_known", b"position_known", "rnti", b"rnti", "spectral_efficiency", b"spectral_efficiency", "utilization", b"utilization", "utilization_known", b"utilization_known", "zones", b"zones"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -622,6 +645,26 @@ class EngineStatus(_message.Message):
 
     DESCRIPTOR: _descriptor.Descriptor
 
+    @_typing.final
+    class MeasuresEntry(_message.Message):
+        DESCRIPTOR: _descriptor.Descriptor
+
+        KEY_FIELD_NUMBER: _builtins.int
+        VALUE_FIELD_NUMBER: _builtins.int
+        key: _builtins.str
+        value: _builtins.float
+        def __init__(
+            self,
+            *,
+            key: _builtins.str = ...,
+            value: _builtins.float = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["key", b"key", "value", b"value"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        def WhichOneof(self, oneof_group: _Never) -> None: ...
+
     HEADER_FIELD_NUMBER: _builtins.int
     NAME_FIELD_NUMBER: _builtins.int
     MODE_FIELD_NUMBER: _builtins.int
@@ -633,6 +676,17 @@ class EngineStatus(_message.Message):
     LINKS_FIELD_NUMBER: _builtins.int
     PROCESSING_MS_MEAN_FIELD_NUMBER: _builtins.int
     PROCESSING_MS_MAX_FIELD_NUMBER: _builtins.int
+    PROCESSING_MS_P50_FIELD_NUMBER: _builtins.int
+    PROCESSING_MS_P99_FIELD_NUMBER: _builtins.int
+    PROCESSING_FIELD_NUMBER: _builtins.int
+    INPUTS_FIELD_NUMBER: _builtins.int
+    MEASURES_FIELD_NUMBER: _builtins.int
+    INACTIVE_LINKS_FIELD_NUMBER: _builtins.int
+    KIND_FIELD_NUMBER: _builtins.int
+    PID_FIELD_NUMBER: _builtins.int
+    HOST_FIELD_NUMBER: _builtins.int
+    CPU_PERCENT_FIELD_NUMBER: _builtins.int
+    MEMORY_BYTES_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     mode: _builtins.str
     """realtime, burst, optimized"""
@@ -649,8 +703,35 @@ class EngineStatus(_message.Message):
     processing_ms_mean: _builtins.float
     """for an input"""
     processing_ms_max: _builtins.float
+    """since the last status"""
+    processing_ms_p50: _builtins.float
+    processing_ms_p99: _builtins.float
+    inactive_links: _builtins.int
+    """links known that say nothing now"""
+    kind: _builtins.str
+    """Ours.
+    engine or cell; empty: engine
+    """
+    pid: _builtins.int
+    """process it runs in; 0: not told"""
+    host: _builtins.str
+    """where that process is"""
+    cpu_percent: _builtins.float
+    """of one core"""
+    memory_bytes: _builtins.int
+    """resident"""
     @_builtins.property
     def header(self) -> _std_msgs_pb2.Header: ...
+    @_builtins.property
+    def processing(self) -> Global___Histogram:
+        """time for an input, since the start"""
+
+    @_builtins.property
+    def inputs(self) -> _containers.RepeatedCompositeFieldContainer[Global___TopicFlow]: ...
+    @_builtins.property
+    def measures(self) -> _containers.ScalarMap[_builtins.str, _builtins.float]:
+        """what else the engine counts and measures, by name"""
+
     def __init__(
         self,
         *,
@@ -665,14 +746,129 @@ class EngineStatus(_message.Message):
         links: _builtins.int = ...,
         processing_ms_mean: _builtins.float = ...,
         processing_ms_max: _builtins.float = ...,
+        processing_ms_p50: _builtins.float = ...,
+        processing_ms_p99: _builtins.float = ...,
+        processing: Global___Histogram | None = ...,
+        inputs: _abc.Iterable[Global___TopicFlow] | None = ...,
+        measures: _abc.Mapping[_builtins.str, _builtins.float] | None = ...,
+        inactive_links: _builtins.int = ...,
+        kind: _builtins.str = ...,
+        pid: _builtins.int = ...,
+        host: _builtins.str = ...,
+        cpu_percent: _builtins.float = ...,
+        memory_bytes: _builtins.int = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header", "processing", b"processing"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["detail", b"detail", "errors", b"errors", "header", b"header", "links", b"links", "mode", b"mode", "name", b"name", "processed", b"processed", "processing_ms_max", b"processing_ms_max", "processing_ms_mean", b"processing_ms_mean", "skipped", b"skipped", "state", b"state"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["cpu_percent", b"cpu_percent", "detail", b"detail", "errors", b"errors", "header", b"header", "host", b"host", "inactive_links", b"inactive_links", "inputs", b"inputs", "kind", b"kind", "links", b"links", "measures", b"measures", "memory_bytes", b"memory_bytes", "mode", b"mode", "name", b"name", "pid", b"pid", "processed", b"processed", "processing", b"processing", "processing_ms_max", b"processing_ms_max", "processing_ms_mean", b"processing_ms_mean", "processing_ms_p50", b"processing_ms_p50", "processing_ms_p99", b"processing_ms_p99", "skipped", b"skipped", "state", b"state"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___EngineStatus: _TypeAlias = EngineStatus  # noqa: Y015
+
+@_typing.final
+class Histogram(_message.Message):
+    """How often values fell between bounds."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    BOUNDS_MS_FIELD_NUMBER: _builtins.int
+    COUNTS_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def bounds_ms(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """upper bounds, rising; the last count is of what lies above them all"""
+
+    @_builtins.property
+    def counts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """one more than bounds"""
+
+    def __init__(
+        self,
+        *,
+        bounds_ms: _abc.Iterable[_builtins.float] | None = ...,
+        counts: _abc.Iterable[_builtins.int] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["bounds_ms", b"bounds_ms", "counts", b"counts"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Histogram: _TypeAlias = Histogram  # noqa: Y015
+
+@_typing.final
+class TopicFlow(_message.Message):
+    """What came on one topic with numbered messages."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TOPIC_FIELD_NUMBER: _builtins.int
+    RECEIVED_FIELD_NUMBER: _builtins.int
+    GAPS_FIELD_NUMBER: _builtins.int
+    DUPLICATES_FIELD_NUMBER: _builtins.int
+    RATE_HZ_FIELD_NUMBER: _builtins.int
+    topic: _builtins.str
+    received: _builtins.int
+    gaps: _builtins.int
+    """numbers left out"""
+    duplicates: _builtins.int
+    """numbers that came before"""
+    rate_hz: _builtins.float
+    """since the last status"""
+    def __init__(
+        self,
+        *,
+        topic: _builtins.str = ...,
+        received: _builtins.int = ...,
+        gaps: _builtins.int = ...,
+        duplicates: _builtins.int = ...,
+        rate_hz: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["duplicates", b"duplicates", "gaps", b"gaps", "rate_hz", b"rate_hz", "received", b"received", "topic", b"topic"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___TopicFlow: _TypeAlias = TopicFlow  # noqa: Y015
+
+@_typing.final
+class Heartbeat(_message.Message):
+    """A sign of life that comes back, to time the way there and back."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HEADER_FIELD_NUMBER: _builtins.int
+    SENDER_FIELD_NUMBER: _builtins.int
+    SENT_NS_FIELD_NUMBER: _builtins.int
+    RESPONDER_FIELD_NUMBER: _builtins.int
+    RESPONDER_HOST_FIELD_NUMBER: _builtins.int
+    sender: _builtins.str
+    """node that asks"""
+    sent_ns: _builtins.int
+    """its steady clock"""
+    responder: _builtins.str
+    """node that answers; empty in a question"""
+    responder_host: _builtins.str
+    """address of its host"""
+    @_builtins.property
+    def header(self) -> _std_msgs_pb2.Header: ...
+    def __init__(
+        self,
+        *,
+        header: _std_msgs_pb2.Header | None = ...,
+        sender: _builtins.str = ...,
+        sent_ns: _builtins.int = ...,
+        responder: _builtins.str = ...,
+        responder_host: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["header", b"header", "responder", b"responder", "responder_host", b"responder_host", "sender", b"sender", "sent_ns", b"sent_ns"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Heartbeat: _TypeAlias = Heartbeat  # noqa: Y015
 
 @_typing.final
 class GetLinkQualityRequest(_message.Message):
@@ -727,6 +923,73 @@ class GetLinkQualityResponse(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___GetLinkQualityResponse: _TypeAlias = GetLinkQualityResponse  # noqa: Y015
+
+@_typing.final
+class GetLinkHistoryRequest(_message.Message):
+    """Get the newest samples of one number of a link."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    RNTI_FIELD_NUMBER: _builtins.int
+    LINK_ID_FIELD_NUMBER: _builtins.int
+    FIELD_FIELD_NUMBER: _builtins.int
+    rnti: _builtins.int
+    link_id: _builtins.str
+    """instead of rnti"""
+    field: _builtins.str
+    """such as ul_snr_db, rtt_ms, dl_thr_bps"""
+    def __init__(
+        self,
+        *,
+        rnti: _builtins.int = ...,
+        link_id: _builtins.str = ...,
+        field: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["field", b"field", "link_id", b"link_id", "rnti", b"rnti"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetLinkHistoryRequest: _TypeAlias = GetLinkHistoryRequest  # noqa: Y015
+
+@_typing.final
+class GetLinkHistoryResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FOUND_FIELD_NUMBER: _builtins.int
+    MESSAGE_FIELD_NUMBER: _builtins.int
+    TIMES_S_FIELD_NUMBER: _builtins.int
+    VALUES_FIELD_NUMBER: _builtins.int
+    INTERPOLATED_FIELD_NUMBER: _builtins.int
+    found: _builtins.bool
+    message: _builtins.str
+    @_builtins.property
+    def times_s(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """since 1970, rising"""
+
+    @_builtins.property
+    def values(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]: ...
+    @_builtins.property
+    def interpolated(self) -> _containers.RepeatedScalarFieldContainer[_builtins.bool]:
+        """nobody measured this one"""
+
+    def __init__(
+        self,
+        *,
+        found: _builtins.bool = ...,
+        message: _builtins.str = ...,
+        times_s: _abc.Iterable[_builtins.float] | None = ...,
+        values: _abc.Iterable[_builtins.float] | None = ...,
+        interpolated: _abc.Iterable[_builtins.bool] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["found", b"found", "interpolated", b"interpolated", "message", b"message", "times_s", b"times_s", "values", b"values"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetLinkHistoryResponse: _TypeAlias = GetLinkHistoryResponse  # noqa: Y015
 
 @_typing.final
 class PathQuality(_message.Message):
@@ -1110,3 +1373,778 @@ class OptimizeStrategyFeedback(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___OptimizeStrategyFeedback: _TypeAlias = OptimizeStrategyFeedback  # noqa: Y015
+
+@_typing.final
+class CellStatus(_message.Message):
+    """How a cell is, in full; its sign of life is an EngineStatus."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HEADER_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    STATE_FIELD_NUMBER: _builtins.int
+    DETAIL_FIELD_NUMBER: _builtins.int
+    EXECUTIONS_FIELD_NUMBER: _builtins.int
+    ERRORS_FIELD_NUMBER: _builtins.int
+    EXECUTION_RATE_FIELD_NUMBER: _builtins.int
+    ERROR_RATE_FIELD_NUMBER: _builtins.int
+    PARAMETER_UPDATE_RATE_FIELD_NUMBER: _builtins.int
+    CPU_PERCENT_FIELD_NUMBER: _builtins.int
+    MEMORY_BYTES_FIELD_NUMBER: _builtins.int
+    IDLE_S_FIELD_NUMBER: _builtins.int
+    CONSTRAINT_TYPE_FIELD_NUMBER: _builtins.int
+    MESSAGES_IN_FIELD_NUMBER: _builtins.int
+    MESSAGES_OUT_FIELD_NUMBER: _builtins.int
+    BYTES_IN_FIELD_NUMBER: _builtins.int
+    BYTES_OUT_FIELD_NUMBER: _builtins.int
+    HELD_BACK_FIELD_NUMBER: _builtins.int
+    CHILDREN_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    state: _builtins.str
+    """INITIALIZED, CONFIGURED, ACTIVE, STOPPED, ERROR"""
+    detail: _builtins.str
+    executions: _builtins.int
+    errors: _builtins.int
+    execution_rate: _builtins.float
+    """1/s, over the last seconds"""
+    error_rate: _builtins.float
+    """share of executions"""
+    parameter_update_rate: _builtins.float
+    """1/s"""
+    cpu_percent: _builtins.float
+    """of one core, measured"""
+    memory_bytes: _builtins.int
+    """resident, measured"""
+    idle_s: _builtins.float
+    """since the last execution"""
+    constraint_type: _builtins.str
+    """that it keeps to"""
+    messages_in: _builtins.int
+    messages_out: _builtins.int
+    bytes_in: _builtins.int
+    bytes_out: _builtins.int
+    held_back: _builtins.int
+    """messages not sent, by rate, budget or level"""
+    @_builtins.property
+    def header(self) -> _std_msgs_pb2.Header: ...
+    @_builtins.property
+    def children(self) -> _containers.RepeatedCompositeFieldContainer[Global___CellStatus]: ...
+    def __init__(
+        self,
+        *,
+        header: _std_msgs_pb2.Header | None = ...,
+        name: _builtins.str = ...,
+        state: _builtins.str = ...,
+        detail: _builtins.str = ...,
+        executions: _builtins.int = ...,
+        errors: _builtins.int = ...,
+        execution_rate: _builtins.float = ...,
+        error_rate: _builtins.float = ...,
+        parameter_update_rate: _builtins.float = ...,
+        cpu_percent: _builtins.float = ...,
+        memory_bytes: _builtins.int = ...,
+        idle_s: _builtins.float = ...,
+        constraint_type: _builtins.str = ...,
+        messages_in: _builtins.int = ...,
+        messages_out: _builtins.int = ...,
+        bytes_in: _builtins.int = ...,
+        bytes_out: _builtins.int = ...,
+        held_back: _builtins.int = ...,
+        children: _abc.Iterable[Global___CellStatus] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["bytes_in", b"bytes_in", "bytes_out", b"bytes_out", "children", b"children", "constraint_type", b"constraint_type", "cpu_percent", b"cpu_percent", "detail", b"detail", "error_rate", b"error_rate", "errors", b"errors", "execution_rate", b"execution_rate", "executions", b"executions", "header", b"header", "held_back", b"held_back", "idle_s", b"idle_s", "memory_bytes", b"memory_bytes", "messages_in", b"messages_in", "messages_out", b"messages_out", "name", b"name", "parameter_update_rate", b"parameter_update_rate", "state", b"state"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CellStatus: _TypeAlias = CellStatus  # noqa: Y015
+
+@_typing.final
+class ResourceGrant(_message.Message):
+    """What a link may use."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    LINK_ID_FIELD_NUMBER: _builtins.int
+    RNTI_FIELD_NUMBER: _builtins.int
+    REQUESTED_PRB_FIELD_NUMBER: _builtins.int
+    GRANTED_PRB_FIELD_NUMBER: _builtins.int
+    FLOOR_PRB_FIELD_NUMBER: _builtins.int
+    PRIORITY_FIELD_NUMBER: _builtins.int
+    REQUESTED_BPS_FIELD_NUMBER: _builtins.int
+    GRANTED_BPS_FIELD_NUMBER: _builtins.int
+    link_id: _builtins.str
+    rnti: _builtins.int
+    requested_prb: _builtins.int
+    granted_prb: _builtins.int
+    floor_prb: _builtins.int
+    """it never gets less"""
+    priority: _builtins.int
+    """1 lowest to 5"""
+    requested_bps: _builtins.float
+    granted_bps: _builtins.float
+    def __init__(
+        self,
+        *,
+        link_id: _builtins.str = ...,
+        rnti: _builtins.int = ...,
+        requested_prb: _builtins.int = ...,
+        granted_prb: _builtins.int = ...,
+        floor_prb: _builtins.int = ...,
+        priority: _builtins.int = ...,
+        requested_bps: _builtins.float = ...,
+        granted_bps: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["floor_prb", b"floor_prb", "granted_bps", b"granted_bps", "granted_prb", b"granted_prb", "link_id", b"link_id", "priority", b"priority", "requested_bps", b"requested_bps", "requested_prb", b"requested_prb", "rnti", b"rnti"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ResourceGrant: _TypeAlias = ResourceGrant  # noqa: Y015
+
+@_typing.final
+class RefusedLink(_message.Message):
+    """A link that may use nothing."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    LINK_ID_FIELD_NUMBER: _builtins.int
+    RNTI_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
+    link_id: _builtins.str
+    rnti: _builtins.int
+    reason: _builtins.str
+    def __init__(
+        self,
+        *,
+        link_id: _builtins.str = ...,
+        rnti: _builtins.int = ...,
+        reason: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["link_id", b"link_id", "reason", b"reason", "rnti", b"rnti"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RefusedLink: _TypeAlias = RefusedLink  # noqa: Y015
+
+@_typing.final
+class ResourceGrants(_message.Message):
+    """What every link may use. What is not in it is not limited by the hub."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HEADER_FIELD_NUMBER: _builtins.int
+    GRANTS_FIELD_NUMBER: _builtins.int
+    REFUSED_FIELD_NUMBER: _builtins.int
+    TOTAL_PRB_FIELD_NUMBER: _builtins.int
+    REQUESTED_PRB_FIELD_NUMBER: _builtins.int
+    GRANTED_PRB_FIELD_NUMBER: _builtins.int
+    JAIN_INDEX_FIELD_NUMBER: _builtins.int
+    FLOORS_SCALED_FIELD_NUMBER: _builtins.int
+    CONFLICT_FIELD_NUMBER: _builtins.int
+    TEXT_FIELD_NUMBER: _builtins.int
+    TOTAL_BPS_FIELD_NUMBER: _builtins.int
+    GRANTED_BPS_FIELD_NUMBER: _builtins.int
+    total_prb: _builtins.int
+    """there are"""
+    requested_prb: _builtins.int
+    """sum"""
+    granted_prb: _builtins.int
+    """sum"""
+    jain_index: _builtins.float
+    """fairness of granted over requested blocks, 0..1"""
+    floors_scaled: _builtins.bool
+    """the floors do not fit together and were scaled"""
+    conflict: _builtins.bool
+    """more was requested than there is"""
+    text: _builtins.str
+    """for people"""
+    total_bps: _builtins.float
+    granted_bps: _builtins.float
+    @_builtins.property
+    def header(self) -> _std_msgs_pb2.Header: ...
+    @_builtins.property
+    def grants(self) -> _containers.RepeatedCompositeFieldContainer[Global___ResourceGrant]: ...
+    @_builtins.property
+    def refused(self) -> _containers.RepeatedCompositeFieldContainer[Global___RefusedLink]: ...
+    def __init__(
+        self,
+        *,
+        header: _std_msgs_pb2.Header | None = ...,
+        grants: _abc.Iterable[Global___ResourceGrant] | None = ...,
+        refused: _abc.Iterable[Global___RefusedLink] | None = ...,
+        total_prb: _builtins.int = ...,
+        requested_prb: _builtins.int = ...,
+        granted_prb: _builtins.int = ...,
+        jain_index: _builtins.float = ...,
+        floors_scaled: _builtins.bool = ...,
+        conflict: _builtins.bool = ...,
+        text: _builtins.str = ...,
+        total_bps: _builtins.float = ...,
+        granted_bps: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["conflict", b"conflict", "floors_scaled", b"floors_scaled", "granted_bps", b"granted_bps", "granted_prb", b"granted_prb", "grants", b"grants", "header", b"header", "jain_index", b"jain_index", "refused", b"refused", "requested_prb", b"requested_prb", "text", b"text", "total_bps", b"total_bps", "total_prb", b"total_prb"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ResourceGrants: _TypeAlias = ResourceGrants  # noqa: Y015
+
+@_typing.final
+class GlobalPolicy(_message.Message):
+    """How all engines should behave."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    @_typing.final
+    class ParametersEntry(_message.Message):
+        DESCRIPTOR: _descriptor.Descriptor
+
+        KEY_FIELD_NUMBER: _builtins.int
+        VALUE_FIELD_NUMBER: _builtins.int
+        key: _builtins.str
+        value: _builtins.str
+        def __init__(
+            self,
+            *,
+            key: _builtins.str = ...,
+            value: _builtins.str = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["key", b"key", "value", b"value"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+    HEADER_FIELD_NUMBER: _builtins.int
+    POLICY_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
+    TEXT_FIELD_NUMBER: _builtins.int
+    PINNED_FIELD_NUMBER: _builtins.int
+    PARAMETERS_FIELD_NUMBER: _builtins.int
+    policy: _builtins.str
+    reason: _builtins.str
+    text: _builtins.str
+    """"Global Policy Updated: ..." """
+    pinned: _builtins.bool
+    """somebody chose it; the hub does not change it"""
+    @_builtins.property
+    def header(self) -> _std_msgs_pb2.Header: ...
+    @_builtins.property
+    def parameters(self) -> _containers.ScalarMap[_builtins.str, _builtins.str]:
+        """engine to JSON object of what is set"""
+
+    def __init__(
+        self,
+        *,
+        header: _std_msgs_pb2.Header | None = ...,
+        policy: _builtins.str = ...,
+        reason: _builtins.str = ...,
+        text: _builtins.str = ...,
+        pinned: _builtins.bool = ...,
+        parameters: _abc.Mapping[_builtins.str, _builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["header", b"header", "parameters", b"parameters", "pinned", b"pinned", "policy", b"policy", "reason", b"reason", "text", b"text"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GlobalPolicy: _TypeAlias = GlobalPolicy  # noqa: Y015
+
+@_typing.final
+class Degradation(_message.Message):
+    """How much is given up while things go badly."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HEADER_FIELD_NUMBER: _builtins.int
+    LEVEL_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    MIN_PRIORITY_FIELD_NUMBER: _builtins.int
+    RATE_FACTOR_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
+    level: _builtins.int
+    """0 normal to 3 safe"""
+    name: _builtins.str
+    min_priority: _builtins.int
+    """cells below send nothing"""
+    rate_factor: _builtins.float
+    """of what cells would send otherwise"""
+    reason: _builtins.str
+    @_builtins.property
+    def header(self) -> _std_msgs_pb2.Header: ...
+    def __init__(
+        self,
+        *,
+        header: _std_msgs_pb2.Header | None = ...,
+        level: _builtins.int = ...,
+        name: _builtins.str = ...,
+        min_priority: _builtins.int = ...,
+        rate_factor: _builtins.float = ...,
+        reason: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["header", b"header", "level", b"level", "min_priority", b"min_priority", "name", b"name", "rate_factor", b"rate_factor", "reason", b"reason"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Degradation: _TypeAlias = Degradation  # noqa: Y015
+
+@_typing.final
+class ComponentStatus(_message.Message):
+    """An engine or cell as the hub sees it."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    KIND_FIELD_NUMBER: _builtins.int
+    NODE_FIELD_NUMBER: _builtins.int
+    STATE_FIELD_NUMBER: _builtins.int
+    MESSAGE_FIELD_NUMBER: _builtins.int
+    REQUIRED_FIELD_NUMBER: _builtins.int
+    PID_FIELD_NUMBER: _builtins.int
+    RESTARTS_FIELD_NUMBER: _builtins.int
+    HEARTBEAT_AGE_S_FIELD_NUMBER: _builtins.int
+    MODE_FIELD_NUMBER: _builtins.int
+    PROCESSED_FIELD_NUMBER: _builtins.int
+    ERRORS_FIELD_NUMBER: _builtins.int
+    CPU_PERCENT_FIELD_NUMBER: _builtins.int
+    MEMORY_BYTES_FIELD_NUMBER: _builtins.int
+    PROCESSING_MS_MEAN_FIELD_NUMBER: _builtins.int
+    PROCESSING_MS_MAX_FIELD_NUMBER: _builtins.int
+    PRIORITY_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    kind: _builtins.str
+    """engine, cell"""
+    node: _builtins.str
+    state: _builtins.str
+    message: _builtins.str
+    required: _builtins.bool
+    pid: _builtins.int
+    """0: not a process of the hub"""
+    restarts: _builtins.int
+    heartbeat_age_s: _builtins.float
+    """-1: none came"""
+    mode: _builtins.str
+    processed: _builtins.int
+    errors: _builtins.int
+    cpu_percent: _builtins.float
+    memory_bytes: _builtins.int
+    processing_ms_mean: _builtins.float
+    processing_ms_max: _builtins.float
+    priority: _builtins.int
+    def __init__(
+        self,
+        *,
+        name: _builtins.str = ...,
+        kind: _builtins.str = ...,
+        node: _builtins.str = ...,
+        state: _builtins.str = ...,
+        message: _builtins.str = ...,
+        required: _builtins.bool = ...,
+        pid: _builtins.int = ...,
+        restarts: _builtins.int = ...,
+        heartbeat_age_s: _builtins.float = ...,
+        mode: _builtins.str = ...,
+        processed: _builtins.int = ...,
+        errors: _builtins.int = ...,
+        cpu_percent: _builtins.float = ...,
+        memory_bytes: _builtins.int = ...,
+        processing_ms_mean: _builtins.float = ...,
+        processing_ms_max: _builtins.float = ...,
+        priority: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["cpu_percent", b"cpu_percent", "errors", b"errors", "heartbeat_age_s", b"heartbeat_age_s", "kind", b"kind", "memory_bytes", b"memory_bytes", "message", b"message", "mode", b"mode", "name", b"name", "node", b"node", "pid", b"pid", "priority", b"priority", "processed", b"processed", "processing_ms_max", b"processing_ms_max", "processing_ms_mean", b"processing_ms_mean", "required", b"required", "restarts", b"restarts", "state", b"state"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ComponentStatus: _TypeAlias = ComponentStatus  # noqa: Y015
+
+@_typing.final
+class WirelessPerformance(_message.Message):
+    """Performance of the whole."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    AVG_BLER_FIELD_NUMBER: _builtins.int
+    AVG_THROUGHPUT_FIELD_NUMBER: _builtins.int
+    AVG_LATENCY_FIELD_NUMBER: _builtins.int
+    RESOURCE_UTILIZATION_FIELD_NUMBER: _builtins.int
+    SUCCESSFUL_TRANSMISSIONS_FIELD_NUMBER: _builtins.int
+    FAILED_TRANSMISSIONS_FIELD_NUMBER: _builtins.int
+    COUNTED_FIELD_NUMBER: _builtins.int
+    KNOWN_FIELD_NUMBER: _builtins.int
+    avg_bler: _builtins.float
+    """0..1"""
+    avg_throughput: _builtins.float
+    """Mbit/s"""
+    avg_latency: _builtins.float
+    """ms"""
+    resource_utilization: _builtins.float
+    """0..1"""
+    successful_transmissions: _builtins.int
+    failed_transmissions: _builtins.int
+    counted: _builtins.str
+    """what a transmission is: radio blocks, or messages of topics"""
+    @_builtins.property
+    def known(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """the numbers above that were measured; others are 0"""
+
+    def __init__(
+        self,
+        *,
+        avg_bler: _builtins.float = ...,
+        avg_throughput: _builtins.float = ...,
+        avg_latency: _builtins.float = ...,
+        resource_utilization: _builtins.float = ...,
+        successful_transmissions: _builtins.int = ...,
+        failed_transmissions: _builtins.int = ...,
+        counted: _builtins.str = ...,
+        known: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["avg_bler", b"avg_bler", "avg_latency", b"avg_latency", "avg_throughput", b"avg_throughput", "counted", b"counted", "failed_transmissions", b"failed_transmissions", "known", b"known", "resource_utilization", b"resource_utilization", "successful_transmissions", b"successful_transmissions"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___WirelessPerformance: _TypeAlias = WirelessPerformance  # noqa: Y015
+
+@_typing.final
+class SystemStatus(_message.Message):
+    """How the whole is."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HEADER_FIELD_NUMBER: _builtins.int
+    PHASE_FIELD_NUMBER: _builtins.int
+    DEGRADED_FIELD_NUMBER: _builtins.int
+    REASONS_FIELD_NUMBER: _builtins.int
+    POLICY_FIELD_NUMBER: _builtins.int
+    DEGRADATION_FIELD_NUMBER: _builtins.int
+    COMPONENTS_FIELD_NUMBER: _builtins.int
+    PERFORMANCE_FIELD_NUMBER: _builtins.int
+    LOOP_MS_MEAN_FIELD_NUMBER: _builtins.int
+    LOOP_MS_MAX_FIELD_NUMBER: _builtins.int
+    phase: _builtins.str
+    """DISCOVERY, INITIALIZATION, OPERATION"""
+    degraded: _builtins.bool
+    policy: _builtins.str
+    loop_ms_mean: _builtins.float
+    """of the hub's own work"""
+    loop_ms_max: _builtins.float
+    @_builtins.property
+    def header(self) -> _std_msgs_pb2.Header: ...
+    @_builtins.property
+    def reasons(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """why it is degraded"""
+
+    @_builtins.property
+    def degradation(self) -> Global___Degradation: ...
+    @_builtins.property
+    def components(self) -> _containers.RepeatedCompositeFieldContainer[Global___ComponentStatus]: ...
+    @_builtins.property
+    def performance(self) -> Global___WirelessPerformance: ...
+    def __init__(
+        self,
+        *,
+        header: _std_msgs_pb2.Header | None = ...,
+        phase: _builtins.str = ...,
+        degraded: _builtins.bool = ...,
+        reasons: _abc.Iterable[_builtins.str] | None = ...,
+        policy: _builtins.str = ...,
+        degradation: Global___Degradation | None = ...,
+        components: _abc.Iterable[Global___ComponentStatus] | None = ...,
+        performance: Global___WirelessPerformance | None = ...,
+        loop_ms_mean: _builtins.float = ...,
+        loop_ms_max: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["degradation", b"degradation", "header", b"header", "performance", b"performance"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["components", b"components", "degradation", b"degradation", "degraded", b"degraded", "header", b"header", "loop_ms_max", b"loop_ms_max", "loop_ms_mean", b"loop_ms_mean", "performance", b"performance", "phase", b"phase", "policy", b"policy", "reasons", b"reasons"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SystemStatus: _TypeAlias = SystemStatus  # noqa: Y015
+
+@_typing.final
+class ResourceOverview(_message.Message):
+    """Resources in use."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HEADER_FIELD_NUMBER: _builtins.int
+    MAX_TOTAL_PRBS_FIELD_NUMBER: _builtins.int
+    REQUESTED_PRBS_FIELD_NUMBER: _builtins.int
+    GRANTED_PRBS_FIELD_NUMBER: _builtins.int
+    MAX_TOTAL_BANDWIDTH_FIELD_NUMBER: _builtins.int
+    GRANTED_BANDWIDTH_FIELD_NUMBER: _builtins.int
+    USERS_FIELD_NUMBER: _builtins.int
+    MAX_USERS_FIELD_NUMBER: _builtins.int
+    JAIN_INDEX_FIELD_NUMBER: _builtins.int
+    PERFORMANCE_FIELD_NUMBER: _builtins.int
+    max_total_prbs: _builtins.int
+    requested_prbs: _builtins.int
+    granted_prbs: _builtins.int
+    max_total_bandwidth: _builtins.float
+    """Mbit/s"""
+    granted_bandwidth: _builtins.float
+    """Mbit/s"""
+    users: _builtins.int
+    max_users: _builtins.int
+    jain_index: _builtins.float
+    @_builtins.property
+    def header(self) -> _std_msgs_pb2.Header: ...
+    @_builtins.property
+    def performance(self) -> Global___WirelessPerformance: ...
+    def __init__(
+        self,
+        *,
+        header: _std_msgs_pb2.Header | None = ...,
+        max_total_prbs: _builtins.int = ...,
+        requested_prbs: _builtins.int = ...,
+        granted_prbs: _builtins.int = ...,
+        max_total_bandwidth: _builtins.float = ...,
+        granted_bandwidth: _builtins.float = ...,
+        users: _builtins.int = ...,
+        max_users: _builtins.int = ...,
+        jain_index: _builtins.float = ...,
+        performance: Global___WirelessPerformance | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header", "performance", b"performance"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["granted_bandwidth", b"granted_bandwidth", "granted_prbs", b"granted_prbs", "header", b"header", "jain_index", b"jain_index", "max_total_bandwidth", b"max_total_bandwidth", "max_total_prbs", b"max_total_prbs", "max_users", b"max_users", "performance", b"performance", "requested_prbs", b"requested_prbs", "users", b"users"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ResourceOverview: _TypeAlias = ResourceOverview  # noqa: Y015
+
+@_typing.final
+class SystemEvent(_message.Message):
+    """Something happened."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HEADER_FIELD_NUMBER: _builtins.int
+    IS_ERROR_FIELD_NUMBER: _builtins.int
+    COMPONENT_FIELD_NUMBER: _builtins.int
+    TEXT_FIELD_NUMBER: _builtins.int
+    NUMBER_FIELD_NUMBER: _builtins.int
+    is_error: _builtins.bool
+    component: _builtins.str
+    """empty: the hub itself"""
+    text: _builtins.str
+    number: _builtins.int
+    """counts up"""
+    @_builtins.property
+    def header(self) -> _std_msgs_pb2.Header: ...
+    def __init__(
+        self,
+        *,
+        header: _std_msgs_pb2.Header | None = ...,
+        is_error: _builtins.bool = ...,
+        component: _builtins.str = ...,
+        text: _builtins.str = ...,
+        number: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["component", b"component", "header", b"header", "is_error", b"is_error", "number", b"number", "text", b"text"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SystemEvent: _TypeAlias = SystemEvent  # noqa: Y015
+
+@_typing.final
+class ControlComponentRequest(_message.Message):
+    """Start, stop or restart an engine or cell."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    ACTION_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    action: _builtins.str
+    """start, stop, restart"""
+    def __init__(
+        self,
+        *,
+        name: _builtins.str = ...,
+        action: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["action", b"action", "name", b"name"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ControlComponentRequest: _TypeAlias = ControlComponentRequest  # noqa: Y015
+
+@_typing.final
+class ControlComponentResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OK_FIELD_NUMBER: _builtins.int
+    MESSAGE_FIELD_NUMBER: _builtins.int
+    ok: _builtins.bool
+    message: _builtins.str
+    def __init__(
+        self,
+        *,
+        ok: _builtins.bool = ...,
+        message: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["message", b"message", "ok", b"ok"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ControlComponentResponse: _TypeAlias = ControlComponentResponse  # noqa: Y015
+
+@_typing.final
+class SetGlobalPolicyRequest(_message.Message):
+    """Choose the global policy."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    POLICY_FIELD_NUMBER: _builtins.int
+    policy: _builtins.str
+    """empty: the hub chooses again"""
+    def __init__(
+        self,
+        *,
+        policy: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["policy", b"policy"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SetGlobalPolicyRequest: _TypeAlias = SetGlobalPolicyRequest  # noqa: Y015
+
+@_typing.final
+class SetGlobalPolicyResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OK_FIELD_NUMBER: _builtins.int
+    POLICY_FIELD_NUMBER: _builtins.int
+    MESSAGE_FIELD_NUMBER: _builtins.int
+    ok: _builtins.bool
+    policy: _builtins.str
+    message: _builtins.str
+    def __init__(
+        self,
+        *,
+        ok: _builtins.bool = ...,
+        policy: _builtins.str = ...,
+        message: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["message", b"message", "ok", b"ok", "policy", b"policy"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SetGlobalPolicyResponse: _TypeAlias = SetGlobalPolicyResponse  # noqa: Y015
+
+@_typing.final
+class GetSystemEventsRequest(_message.Message):
+    """The newest events."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    LIMIT_FIELD_NUMBER: _builtins.int
+    ERRORS_ONLY_FIELD_NUMBER: _builtins.int
+    limit: _builtins.int
+    """0: all that are kept"""
+    errors_only: _builtins.bool
+    def __init__(
+        self,
+        *,
+        limit: _builtins.int = ...,
+        errors_only: _builtins.bool = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["errors_only", b"errors_only", "limit", b"limit"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetSystemEventsRequest: _TypeAlias = GetSystemEventsRequest  # noqa: Y015
+
+@_typing.final
+class GetSystemEventsResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    EVENTS_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def events(self) -> _containers.RepeatedCompositeFieldContainer[Global___SystemEvent]:
+        """oldest first"""
+
+    def __init__(
+        self,
+        *,
+        events: _abc.Iterable[Global___SystemEvent] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["events", b"events"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetSystemEventsResponse: _TypeAlias = GetSystemEventsResponse  # noqa: Y015
+
+@_typing.final
+class ControlLimits(_message.Message):
+    """What a control loop over a link should keep to."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HEADER_FIELD_NUMBER: _builtins.int
+    LINK_ID_FIELD_NUMBER: _builtins.int
+    MAX_SPEED_MPS_FIELD_NUMBER: _builtins.int
+    MAX_RATE_HZ_FIELD_NUMBER: _builtins.int
+    HOLD_TIMEOUT_S_FIELD_NUMBER: _builtins.int
+    SPEED_MPS_FIELD_NUMBER: _builtins.int
+    TOO_FAST_FIELD_NUMBER: _builtins.int
+    link_id: _builtins.str
+    max_speed_mps: _builtins.float
+    max_rate_hz: _builtins.float
+    """of commands"""
+    hold_timeout_s: _builtins.float
+    """silence after which to stop"""
+    speed_mps: _builtins.float
+    """of the robot now; 0 if nobody tells"""
+    too_fast: _builtins.bool
+    """the robot is faster than max_speed_mps"""
+    @_builtins.property
+    def header(self) -> _std_msgs_pb2.Header: ...
+    def __init__(
+        self,
+        *,
+        header: _std_msgs_pb2.Header | None = ...,
+        link_id: _builtins.str = ...,
+        max_speed_mps: _builtins.float = ...,
+        max_rate_hz: _builtins.float = ...,
+        hold_timeout_s: _builtins.float = ...,
+        speed_mps: _builtins.float = ...,
+        too_fast: _builtins.bool = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["header", b"header", "hold_timeout_s", b"hold_timeout_s", "link_id", b"link_id", "max_rate_hz", b"max_rate_hz", "max_speed_mps", b"max_speed_mps", "speed_mps", b"speed_mps", "too_fast", b"too_fast"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ControlLimits: _TypeAlias = ControlLimits  # noqa: Y015

@@ -56,6 +56,11 @@ ALONE = {
     ],
     "back_pressure.py": ["received 200, dropped 0"],
     "blocking_service.py": ["the lamp is on"],
+    "link_shaper.py": [
+        "arrived: stop, picture, picture",
+        "pictures: 10 offered, 8 dropped whole",
+        "commands late or lost: 0",
+    ],
     "qos_events.py": ["event: IncompatibleQos(topic='range', publisher='rangefinder'"],
     "watch_graph.py": [
         "0 nodes at first",

@@ -17,6 +17,7 @@ from simple_ros.aio import NodeHandle
 from simple_ros.msg.example import ControlCommand, SensorData
 from simple_ros.net.transport import TransportChoice
 from simple_ros.testing import MemoryNetwork
+from simple_ros_engines.link_shaper.transport import ShapedTransport
 from simple_ros_master.server import Master
 
 PLUGINS = Path(__file__).parents[2] / "examples" / "udp_transport"
@@ -64,6 +65,7 @@ KINDS = [
         is_reliable=False,
         keeps_order=False,
     ),
+    Kind("shaped", lambda: (ShapedTransport("robot", "127.0.0.1:1"),)),
     Kind("udp", udp_transport, is_reliable=False, largest=60_000),
 ]
 RELIABLE = [kind for kind in KINDS if kind.is_reliable]

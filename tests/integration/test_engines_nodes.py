@@ -352,10 +352,11 @@ async def test_an_influxdb_server_is_asked(master: Master) -> None:
     await server.start(port=0, udp_port=None)
     engine = RadioInformationEngine()
     options = {"url": f"http://127.0.0.1:{server.port}", "fields": "srsran", "period_s": 0.02}
+    common = {"source": "influx2", "discovery_interval": 0.1}
     try:
         async with (
             user(master),
-            running(engine, master, source="influx2", source_options=json.dumps(options)),
+            running(engine, master, **common, source_options=json.dumps(options)),
         ):
             line = "ue,rnti=17921,pci=1 pusch_snr_db=21.5,ul_nof_ok=90i,ul_nof_nok=10i,ul_mcs=9i"
             server.take(f"{line} {time.time_ns()}\nue,rnti=none pusch_snr_db=3 {time.time_ns()}")
@@ -364,6 +365,7 @@ async def test_an_influxdb_server_is_asked(master: Master) -> None:
             assert engine.newest["4601"][0].snr_db == pytest.approx(21.5)
             assert engine.source is not None
             assert engine.source.malformed == 1
+            await until(lambda: engine.discovered == {"4601"}, "the devices of the last minute")
             await server.close()
             await until(lambda: engine.state == "degraded", "the missing server")
             assert "does not answer" in engine.detail

@@ -19,6 +19,7 @@ from simple_ros_engines.physical_adaptive.core import (
     PhysicalAdaptive,
     PhysicalSettings,
 )
+from simple_ros_engines.physical_adaptive.goodput import GoodputAdapter
 from simple_ros_engines.physical_adaptive.harq import advised_retransmissions, residual_loss
 from simple_ros_engines.physical_adaptive.link_adaptation import (
     LinkAdapter,
@@ -102,6 +103,65 @@ class TestOuterLoop:
 
     def test_a_scheme_limit_holds(self):
         assert LinkAdapter(TABLE, max_index=10).choose(60.0) == 10
+
+
+class TestGoodputAdapter:
+    def run(self, adapter, hidden_db, spread_db, blocks=6000):
+        """Share of blocks lost and mean goodput of the second half, on a channel that is foretold so badly."""
+        draw, lost, bits = random.Random(1), 0, 0.0
+        for step in range(blocks):
+            expected_db = draw.uniform(4, 16)
+            choice = adapter.choose(expected_db, spread_db)
+            snr_db = expected_db + hidden_db + draw.gauss(0, spread_db)
+            entry = mcs_entry(TABLE, choice.mcs)
+            is_lost = draw.random() < block_error_rate(entry, snr_db)
+            adapter.feedback(choice, not is_lost, is_lost)
+            if step >= blocks // 2:
+                lost += is_lost
+                bits += 0.0 if is_lost else entry.efficiency
+        return lost / (blocks / 2), bits / (blocks / 2)
+
+    @pytest.mark.parametrize("hidden_db", [-2.0, 0.0, 2.0])
+    def test_it_finds_an_offset_and_loses_what_it_may(self, hidden_db):
+        adapter = GoodputAdapter(0.1)
+        # The price has a long way to go where the target allows more than pays.
+        self.run(adapter, hidden_db, 1.0)
+        lost, _ = self.run(adapter, hidden_db, 1.0)
+        assert lost == pytest.approx(0.1, abs=0.02)
+        assert adapter.offset_db == pytest.approx(hidden_db, abs=0.5)
+
+    def test_without_a_target_it_brings_more_than_with_one(self):
+        lost, free = self.run(GoodputAdapter(None), 1.0, 1.0)
+        _, bound = self.run(GoodputAdapter(0.3), 1.0, 1.0)
+        assert lost < 0.15
+        assert free > bound
+
+    def test_an_uncertain_forecast_makes_careful(self):
+        adapter = GoodputAdapter()
+        assert adapter.choose(12.0, 3.0).mcs < adapter.choose(12.0, 0.0).mcs
+        assert adapter.choose(-40.0).mcs == 0
+        assert adapter.choose(80.0, 0.5) == adapter.choose(90.0, 0.5)
+
+    def test_the_ends_of_the_table_say_nothing_about_the_price(self):
+        adapter = GoodputAdapter()
+        for snr_db in (-40.0, 60.0):
+            for _ in range(1000):
+                choice = adapter.choose(snr_db)
+                adapter.feedback(choice, snr_db > 0, snr_db < 0)
+        assert adapter.price == 0.0
+
+    def test_a_cheap_loss_is_no_reason_to_send_in_vain(self):
+        adapter = GoodputAdapter(0.5)
+        adapter.price = -3.0
+        for snr_db in (-40.0, -6.0, 0.0, 6.0, 20.0):
+            choice = adapter.choose(snr_db, 1.0)
+            assert choice.mcs == 0 or choice.expected >= 0.7
+
+    def test_settings_without_meaning(self):
+        with pytest.raises(ConfigError, match="target_bler"):
+            GoodputAdapter(1.0)
+        with pytest.raises(ConfigError, match="rate_db"):
+            GoodputAdapter(rate_db=0.0)
 
 
 class TestFeedbackStep:
@@ -370,3 +430,28 @@ class TestLinearForecaster:
             at += draw.gauss(0, 1)
             errors.append(abs(forecaster.sample(at) - at))
         assert sum(errors[500:]) / 1500 < 0.5
+
+    def test_it_corrects_a_base_and_no_further_than_a_deviation(self):
+        draw, forecaster, errors = random.Random(1), LinearForecaster(1, 500.0), []
+        level = 0.0
+        for _ in range(3000):
+            level = 0.9 * level + draw.gauss(0, 1)
+            errors.append(abs(forecaster.sample(level, base=0.5 * level) - 0.9 * level))
+        assert sum(errors[2000:]) / 1000 < 0.3
+
+    def test_what_stands_beside_may_know(self):
+        draw, errors, news = random.Random(1), [], 0.0
+        knowing, blind = LinearForecaster(1, others=1), LinearForecaster(1)
+        for _ in range(2000):
+            value, news = news + draw.gauss(0, 0.1), draw.gauss(0, 1)
+            errors.append((knowing.sample(value, others=(news,)) - news) ** 2)
+            blind.sample(value)
+        assert sum(errors[1000:]) / 1000 < 0.05
+        assert knowing.deviation < 0.4 < 0.8 < blind.deviation
+
+    def test_a_neighbour_that_never_spoke_changes_nothing(self):
+        draw = random.Random(1)
+        one, other = LinearForecaster(2, others=1), LinearForecaster(2)
+        for _ in range(200):
+            value = draw.gauss(5, 1)
+            assert one.sample(value, others=(None,)) == pytest.approx(other.sample(value))

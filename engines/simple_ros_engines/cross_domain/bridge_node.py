@@ -4,47 +4,67 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from google.protobuf.message import DecodeError, Message
 
 from simple_ros.engine import Engine
-from simple_ros.msg.sensor_msgs import Image, PointCloud2
+from simple_ros.msg.sensor_msgs import CompressedImage, Image, PointCloud2
 from simple_ros.msg.std_msgs import String
 from simple_ros.msg.wireless_ros_msgs import Constraint
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher
 from simple_ros_engines.base import NAMESPACE
 from simple_ros_engines.cross_domain.adaptation import RateGate, scaled, voxels
+from simple_ros_engines.cross_domain.jpeg import JPEG_STEPS, JpegLadder, pillow, to_jpeg
 from simple_ros_engines.cross_domain.sensing import voxel_leaf_m
+from simple_ros_engines.cross_domain.treatment import FlowBudget, Treatment, TreatmentJudge
+from simple_ros_engines.marking import marked
+from simple_ros_engines.physical_adaptive.actuators import Actuator, Applied
+from simple_ros_engines.physical_adaptive.sending import PriorityActuator, StrategyApplier
+from simple_ros_engines.physical_adaptive.strategy import Strategy
 
 __all__ = ["TopicBridge"]
 
 logger = logging.getLogger(__name__)
 
+_Shrink = Callable[[bytes], Any]
+
 
 @dataclass(slots=True)
 class _Flow:
     publisher: Publisher[Message]
-    gate: RateGate
-    shrink: Callable[[bytes, float], bytes]
+    gate: RateGate = field(default_factory=RateGate)
+    budget: FlowBudget = field(default_factory=FlowBudget)
+    jpeg: Publisher[CompressedImage] | None = None
+    ladder: JpegLadder = field(default_factory=JpegLadder)
     came: int = 0
     passed: int = 0
     bytes_in: int = 0
     bytes_out: int = 0
     malformed: int = 0
+    busy: bool = False
+
+    def sent(self, data: bytes) -> None:
+        self.passed += 1
+        self.bytes_out += len(data)
+        self.budget.sent(len(data))
 
 
 class TopicBridge(Engine):
-    """Hands camera pictures and lidar clouds on, smaller while the link's constraint says so.
+    """Hands camera pictures and lidar clouds on, smaller while the link's constraint or strategy says so.
 
-    A link whose constraint has full resolution gets the bytes as they came. Parameters of its node:
-    ``image_in``, ``image_out``, ``cloud_in``, ``cloud_out`` (topics; an empty ``..._in`` is left out),
-    ``link`` (whose constraint counts; empty takes any), ``point_spacing_m``.
+    A link that is healthy gets the bytes as they came. Parameters of its node: ``image_in``, ``image_out``,
+    ``cloud_in``, ``cloud_out`` (topics; an empty ``..._in`` is left out), ``image_format`` (``raw``, or
+    ``jpeg``: pictures that are made smaller go to ``image_out`` + ``/compressed``), ``link`` (whose
+    constraints and strategies count; empty takes any), ``point_spacing_m``, ``dwell_s`` (how long the link
+    must have been better before more is sent), ``rate_share`` (of the strategy's bits a second, for all its
+    topics together), ``priority_offset`` (added to the link's priority: commands go before pictures).
     """
 
     node_name: ClassVar[str] = f"{NAMESPACE}/topic_bridge"
@@ -52,67 +72,166 @@ class TopicBridge(Engine):
 
     def __init__(self) -> None:
         self.flows: dict[str, _Flow] = {}
-        self.scale = 100.0
+        self.judge = TreatmentJudge()
+        self._node: NodeHandle | None = None
         self._spacing_m = 0.05
         self._link = ""
+        self._share = 0.8
+        self._offset = -2
+
+    @property
+    def scale(self) -> float:
+        """Of pictures, per cent."""
+        return self.judge.treatment.scale
 
     async def run(self, node: NodeHandle) -> None:
-        """Work until cancelled or the node ends."""
+        """Work until cancelled or the node ends.
+
+        Raises:
+            ConfigError: JPEG is wanted and Pillow is not installed.
+        """
         get = node.declare_parameter
         image_in = str(await get("~image_in", "/camera/image_raw", read_only=True))
         image_out = str(await get("~image_out", "/camera/mobile/image_raw", read_only=True))
         cloud_in = str(await get("~cloud_in", "/lidar/points", read_only=True))
         cloud_out = str(await get("~cloud_out", "/lidar/mobile/points", read_only=True))
+        form = str(await get("~image_format", "raw", choices=("raw", "jpeg"), read_only=True))
         self._link = str(await get("~link", "", read_only=True))
         self._spacing_m = float(await get("~point_spacing_m", 0.05, minimum=0.001, read_only=True))
+        self._share = float(await get("~rate_share", 0.8, minimum=0.01, maximum=1, read_only=True))
+        self._offset = int(await get("~priority_offset", -2, minimum=-4, maximum=4, read_only=True))
+        dwell_s = float(await get("~dwell_s", 2.0, minimum=0, maximum=60, read_only=True))
+        self.judge = TreatmentJudge(dwell_s)
+        if form == "jpeg":
+            # Better to know now than at the first picture on a bad link.
+            pillow()
+        self._node = node
+        actuators: list[Actuator] = [_BridgeActuator(self)]
         if image_in:
-            await self._join(node, image_in, image_out, Image, _smaller_image)
+            flow = await self._join(image_in, image_out, Image, self._picture_came, actuators)
+            flow.ladder = JpegLadder(dwell_s)
+            if form == "jpeg":
+                flow.jpeg = await self._advertised(
+                    f"{image_out}/compressed", CompressedImage, actuators
+                )
         if cloud_in:
-            await self._join(node, cloud_in, cloud_out, PointCloud2, self._smaller_cloud)
+            await self._join(cloud_in, cloud_out, PointCloud2, self._cloud_came, actuators)
         await node.subscribe(f"/{NAMESPACE}/constraints", Constraint, self._constraint)
+        await StrategyApplier(node, actuators, self._link, "topic_bridge/").start()
         told = await node.advertise(f"/{NAMESPACE}/bridge_statistics", String)
         node.create_timer(1.0, lambda _: told.publish(String(data=self.statistics())))
         await node.spin()
 
     async def _join(
         self,
-        node: NodeHandle,
         source: str,
         sink: str,
         kind: type[Image | PointCloud2],
-        shrink: Callable[[bytes, float], bytes],
-    ) -> None:
-        publisher = await node.advertise(sink, kind)
-        flow = self.flows[source] = _Flow(publisher, RateGate(), shrink)  # type: ignore[arg-type]
-        await node.subscribe(source, kind.DESCRIPTOR.full_name, partial(self._came, flow), raw=True)
+        came: Callable[[_Flow, bytes], Any],
+        actuators: list[Actuator],
+    ) -> _Flow:
+        assert self._node is not None
+        flow = self.flows[source] = _Flow(await self._advertised(sink, kind, actuators))
+        await self._node.subscribe(
+            source, kind.DESCRIPTOR.full_name, partial(self._came, flow, came), raw=True
+        )
+        return flow
+
+    async def _advertised(
+        self, topic: str, kind: type[Any], actuators: list[Actuator]
+    ) -> Publisher[Any]:
+        """A publisher whose connections carry the strategy's priority."""
+        assert self._node is not None
+        ways, marks = marked(self._node.transports)
+        actuators.append(PriorityActuator(marks, self._offset))
+        return await self._node.advertise(topic, kind, transports=ways)
+
+    # -- what it is told -------------------------------------------------------------------------
 
     def _constraint(self, message: Constraint) -> None:
         if self._link in ("", message.link_id):
-            self.scale = message.resolution_scale or 100.0
-            is_healthy = self.scale >= 100
-            for flow in self.flows.values():
-                flow.gate.rate_hz = 0.0 if is_healthy else message.frame_rate
+            self.judge.constraint(message.resolution_scale, message.frame_rate, time.monotonic())
 
-    async def _came(self, flow: _Flow, data: bytes) -> None:
+    def take_strategy(self, strategy: Strategy) -> str:
+        """Send as a strategy says; what that means, in words."""
+        now_s = time.monotonic()
+        self.judge.strategy(strategy.compression_ratio, now_s)
+        heard = [flow for flow in self.flows.values() if self._is_heard(flow)]
+        rate_bps = self._share * strategy.rate_bps / max(1, len(heard))
+        for flow in self.flows.values():
+            flow.budget.rate_bps = rate_bps if rate_bps > 0 else math.inf
+            flow.ladder.want(strategy.compression_ratio or 1.0, now_s)
+        done = self.judge.treatment
+        told = [f"ratio {done.ratio:.2f}, {rate_bps / 1e6:.2f} Mbit/s a topic"]
+        told += [
+            f"{topic}: {'JPEG ' + str(flow.ladder.quality) if flow.jpeg else 'raw'}"
+            for topic, flow in self.flows.items()
+        ]
+        return "; ".join(told)
+
+    def _is_heard(self, flow: _Flow) -> bool:
+        jpeg = flow.jpeg is not None and flow.jpeg.subscriber_count > 0
+        return jpeg or flow.publisher.subscriber_count > 0
+
+    # -- messages --------------------------------------------------------------------------------
+
+    async def _came(self, flow: _Flow, handle: Callable[[_Flow, bytes], Any], data: bytes) -> None:
+        now_s = time.monotonic()
         flow.came += 1
         flow.bytes_in += len(data)
-        if not flow.publisher.subscriber_count or not flow.gate.passes(time.monotonic()):
+        flow.budget.came(now_s)
+        if not self._is_heard(flow):
             return
-        out = data
-        if self.scale < 100:
-            try:
-                out = await asyncio.to_thread(flow.shrink, data, self.scale)
-            except DecodeError:
-                flow.malformed += 1
-                return
-        flow.passed += 1
-        flow.bytes_out += len(out)
-        flow.publisher.publish_bytes(out)
+        treatment = self.judge.treatment
+        rate_hz = treatment.rate_hz
+        if flow.jpeg is None or treatment.is_untouched:
+            # What cannot be made smaller must be sent less often.
+            rate_hz = flow.budget.rate_hz(rate_hz)
+        flow.gate.rate_hz = 0.0 if math.isinf(rate_hz) else rate_hz
+        if flow.busy or not flow.gate.passes(now_s):
+            return
+        flow.busy = True
+        try:
+            await handle(flow, data)
+        except DecodeError:
+            flow.malformed += 1
+        finally:
+            flow.busy = False
 
-    def _smaller_cloud(self, data: bytes, scale: float) -> bytes:
-        leaf_m = voxel_leaf_m((scale / 100) ** 2, self._spacing_m)
-        smaller = voxels(PointCloud2.FromString(data), leaf_m)
-        return data if smaller is None else smaller.SerializeToString()
+    async def _picture_came(self, flow: _Flow, data: bytes) -> None:
+        treatment = self.judge.treatment
+        is_raw_heard = flow.publisher.subscriber_count > 0
+        jpeg = flow.jpeg if flow.jpeg is not None and flow.jpeg.subscriber_count else None
+        if jpeg is not None and not (treatment.is_untouched and is_raw_heard):
+            await self._send_jpeg(flow, jpeg, data, treatment)
+        elif is_raw_heard:
+            shrink = partial(_smaller_image, scale=_plain_scale(treatment))
+            await self._send(flow, data, None if treatment.is_untouched else shrink)
+
+    async def _send_jpeg(
+        self, flow: _Flow, jpeg: Publisher[CompressedImage], data: bytes, treatment: Treatment
+    ) -> None:
+        quality = JPEG_STEPS[0] if treatment.is_untouched else flow.ladder.quality
+        out = await asyncio.to_thread(_jpeg, data, treatment.scale, quality)
+        if out is None:
+            # Nothing that JPEG knows: better the picture as it is than none.
+            await self._send(flow, data, None)
+            return
+        flow.sent(out)
+        jpeg.publish_bytes(out)
+        if not treatment.is_untouched:
+            flow.ladder.produced(len(out), flow.budget.message_bytes(treatment.rate_hz))
+
+    async def _cloud_came(self, flow: _Flow, data: bytes) -> None:
+        treatment = self.judge.treatment
+        share = (treatment.scale / 100) ** 2 * treatment.ratio
+        shrink = partial(_smaller_cloud, leaf_m=voxel_leaf_m(share, self._spacing_m))
+        await self._send(flow, data, None if treatment.is_untouched else shrink)
+
+    async def _send(self, flow: _Flow, data: bytes, shrink: _Shrink | None) -> None:
+        out = data if shrink is None else await asyncio.to_thread(shrink, data)
+        flow.sent(out)
+        flow.publisher.publish_bytes(out)
 
     def statistics(self) -> str:
         """Messages and bytes of each topic, in and out."""
@@ -123,6 +242,33 @@ class TopicBridge(Engine):
         )
 
 
+class _BridgeActuator(Actuator):
+    """Quality, voxels and application rate of the bridge's topics."""
+
+    name: ClassVar[str] = "compression"
+
+    def __init__(self, bridge: TopicBridge) -> None:
+        self._bridge = bridge
+
+    def apply(self, link_id: str, rnti: int | None, strategy: Strategy) -> Applied:  # noqa: ARG002
+        return Applied(True, self._bridge.take_strategy(strategy))
+
+
+def _plain_scale(treatment: Treatment) -> float:
+    """Without JPEG a ratio can only be reached with fewer pixels."""
+    return max(5.0, min(treatment.scale, 100 * math.sqrt(treatment.ratio)))
+
+
+def _jpeg(data: bytes, scale: float, quality: int) -> bytes | None:
+    smaller = to_jpeg(Image.FromString(data), scale, quality)
+    return None if smaller is None else smaller.SerializeToString()
+
+
 def _smaller_image(data: bytes, scale: float) -> bytes:
     smaller = scaled(Image.FromString(data), scale)
+    return data if smaller is None else smaller.SerializeToString()
+
+
+def _smaller_cloud(data: bytes, leaf_m: float) -> bytes:
+    smaller = voxels(PointCloud2.FromString(data), leaf_m)
     return data if smaller is None else smaller.SerializeToString()

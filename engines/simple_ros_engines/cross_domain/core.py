@@ -69,11 +69,13 @@ class CrossDomain:
     Attributes:
         criticality: Of the present task.
         deadline_ms: Latency the task needs; None if it did not say.
+        active_sensors: How many sensors share the link; 0 if nobody tells, then one is assumed.
     """
 
     def __init__(self) -> None:
         self.criticality = TaskCriticality()
         self.deadline_ms: float | None = None
+        self.active_sensors = 0
         self._links: dict[str, _Link] = {}
 
     def link_count(self) -> int:
@@ -100,7 +102,7 @@ class CrossDomain:
         return Decision(
             level,
             limits,
-            link.mode.judge(level, bandwidth, criticality),
+            link.mode.judge(level, bandwidth / max(1, self.active_sensors), criticality),
             link.compression.judge(bandwidth, metrics.quality, criticality),
             criticality,
         )

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 import time
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from simple_ros.aio import ServerGoal
 from simple_ros.msg.arrays import numpy_to_occupancy_grid, occupancy_grid_to_numpy
-from simple_ros.msg.geometry_msgs import Pose, PoseStamped, Quaternion
+from simple_ros.msg.geometry_msgs import PoseStamped, TwistStamped
 from simple_ros.msg.nav_msgs import OccupancyGrid, Path
 from simple_ros.msg.std_msgs import Float32, String
+from simple_ros.msg.visualization_msgs import MarkerArray
 from simple_ros.msg.wireless_ros_msgs import (
+    ActuationReport,
     Constraint,
+    ControlLimits,
     EnhanceMap,
     EnhanceMapFeedback,
     EnhanceMapGoal,
@@ -27,18 +26,16 @@ from simple_ros.msg.wireless_ros_msgs import (
     OptimizePathResponse,
     PhyLayerMetrics,
 )
-from simple_ros.msg.wireless_ros_msgs import PathQuality as PathQualityMessage
 from simple_ros.node import NodeHandle
 from simple_ros.qos import Durability, QosProfile
 from simple_ros_engines.base import NAMESPACE, WirelessEngine, outlet
 from simple_ros_engines.cross_domain.core import CrossDomain, Decision, LinkMetrics
-from simple_ros_engines.cross_domain.path import (
-    PathQuality,
-    PathWeights,
-    analyze_path,
-    plan_between,
-)
-from simple_ros_engines.cross_domain.quality_map import GridFrame, QualityMap, enhanced_cells
+from simple_ros_engines.cross_domain.mappings import convert_network_metrics_to_control_limits
+from simple_ros_engines.cross_domain.navigation import NavigationClient, nav_parameter_names
+from simple_ros_engines.cross_domain.quality_map import QualityMap, enhanced_cells
+from simple_ros_engines.cross_domain.robot_state import RobotState
+from simple_ros_engines.cross_domain.ways import better_way, frame_of
+from simple_ros_engines.health import report_health
 from simple_ros_engines.physical_adaptive.strategy import RECOMMENDATIONS
 
 __all__ = ["CrossDomainEngine"]
@@ -53,7 +50,9 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
     """Turns what is known of links into constraints, and into maps and ways that know the radio.
 
     Parameters besides the common ones: ``link`` (the robot's own link; empty takes the only one there is),
-    ``comm_weight``, ``task_deadline_ms`` (0: none).
+    ``comm_weight``, ``task_deadline_ms`` (0: none), ``navigation_parameters`` (JSON: field of
+    `mappings.NavParams` to the name of a parameter of the navigation stack), ``plan_service`` (its planner, of
+    type nav_msgs/GetPlan), ``max_vel_mps``, ``safe_distance_m``.
     """
 
     node_name: ClassVar[str] = f"{NAMESPACE}/cross_domain_engine"
@@ -66,7 +65,9 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         self.map: OccupancyGrid | None = None
         self.quality: QualityMap | None = None
         self.newest: dict[str, PhyLayerMetrics] = {}
+        self.robot = RobotState()
         self._own_link = ""
+        self._safe_m = 1.0
 
     async def set_up(self, node: NodeHandle) -> None:
         """Declare, advertise, subscribe, provide."""
@@ -90,7 +91,10 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
             f"/{NAMESPACE}/enhanced_map", OccupancyGrid, qos=_LATCHED
         )
         self._way = await node.advertise(f"/{NAMESPACE}/comm_aware_path", Path, qos=_LATCHED)
+        self._limits = await outlet(node, "control_limits", ControlLimits)
         await self._subscribe(node)
+        await self._meet_navigation(node)
+        await report_health(node, self)
         await node.advertise_service(
             f"/{NAMESPACE}/optimize_path", OptimizePath, self._optimize_path
         )
@@ -106,6 +110,15 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         node.on_parameter_changed("~task_deadline_ms", self._deadline_changed)
         self._node = node
 
+    async def _meet_navigation(self, node: NodeHandle) -> None:
+        get = node.declare_parameter
+        names = nav_parameter_names(str(await get("~navigation_parameters", "", read_only=True)))
+        service = str(await get("~plan_service", "", read_only=True))
+        speed = float(await get("~max_vel_mps", 1.5, minimum=0.01, maximum=50, read_only=True))
+        self._safe_m = float(await get("~safe_distance_m", 1.0, minimum=0.01, read_only=True))
+        reports = await outlet(node, "actuation_report", ActuationReport, 100)
+        self._navigation = NavigationClient(node, names, service, speed, reports.publish)
+
     def _link_changed(self, value: object) -> None:
         self._own_link = str(value)
 
@@ -113,9 +126,11 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         self.core.deadline_ms = float(str(value)) or None
 
     async def _subscribe(self, node: NodeHandle) -> None:
-        await node.subscribe(f"/{NAMESPACE}/phy_layer_metrics", PhyLayerMetrics, self._came)
+        await self.listen(node, "phy_layer_metrics", PhyLayerMetrics, self._came)
         await node.subscribe("/task_status", String, self._task_status)
         await node.subscribe("/robot/pose", PoseStamped, self._pose)
+        await node.subscribe("/robot/velocity", TwistStamped, self._velocity)
+        await node.subscribe("/active_sensors", MarkerArray, self._sensors)
         await node.subscribe("/map", OccupancyGrid, self._map_came, qos=_LATCHED)
         await node.subscribe("/planned_path", Path, self._path_came)
 
@@ -129,6 +144,13 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
 
     def _task_status(self, message: String) -> None:
         self.core.criticality.status(message.data)
+
+    def _velocity(self, message: TwistStamped) -> None:
+        speed = message.twist.linear
+        self.robot.moves(speed.x, speed.y, speed.z, time.monotonic())
+
+    def _sensors(self, message: MarkerArray) -> None:
+        self.robot.sensors(message.markers, time.monotonic())
 
     def priority(self, item: PhyLayerMetrics) -> float:
         """Bad links go first."""
@@ -151,6 +173,8 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
             item.channel_response_time or None,
             item.available_bps or None,
         )
+        is_own = item.link_id == self._link()
+        self.core.active_sensors = self.robot.sensor_count(time.monotonic()) if is_own else 0
         decision = self.core.decide(metrics)
         limits = decision.limits
         message = Constraint(
@@ -168,8 +192,10 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         )
         message.header.stamp.CopyFrom(item.header.stamp)
         self._constraints.publish(message)
-        if item.link_id == self._link():
+        if is_own:
             self._tell(item, decision)
+            self._tell_control(item)
+            self._navigation.follow(item.link_id, limits)
 
     def _tell(self, item: PhyLayerMetrics, decision: Decision) -> None:
         """The robot's own link, on topics that know no links."""
@@ -192,6 +218,25 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
             if self._numbers[name].subscriber_count:
                 self._numbers[name].publish(Float32(data=number))
 
+    def _tell_control(self, item: PhyLayerMetrics) -> None:
+        """What a control loop over the robot's own link should keep to."""
+        if not self._limits.is_heard or not item.channel_response_time:
+            return
+        limits = convert_network_metrics_to_control_limits(
+            item.channel_response_time, safe_distance_m=self._safe_m
+        )
+        speed = self.robot.speed_mps(time.monotonic())
+        message = ControlLimits(
+            link_id=item.link_id,
+            max_speed_mps=limits.max_speed_mps,
+            max_rate_hz=limits.max_rate_hz,
+            hold_timeout_s=limits.hold_timeout_s,
+            speed_mps=speed or 0.0,
+            too_fast=speed is not None and speed > limits.max_speed_mps,
+        )
+        message.header.stamp.CopyFrom(item.header.stamp)
+        self._limits.publish(message)
+
     def _link(self) -> str:
         """The robot's own link; the only one there is, if none was named."""
         if self._own_link or len(self.newest) != 1:
@@ -201,7 +246,7 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
     # -- maps and ways ---------------------------------------------------------------------------
 
     def _map_came(self, message: OccupancyGrid) -> None:
-        frame = _frame(message)
+        frame = frame_of(message)
         if frame is None:
             logger.warning("a map without cells or resolution came; it is not used")
             return
@@ -230,7 +275,7 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
 
     def _with_quality(self, grid: OccupancyGrid) -> OccupancyGrid:
         assert self.quality is not None
-        frame = _frame(grid)
+        frame = frame_of(grid)
         same = frame is None or frame == self.quality.frame
         quality = self.quality if same or frame is None else self.quality.moved(frame)
         cells = enhanced_cells(occupancy_grid_to_numpy(grid), quality.quality)
@@ -239,38 +284,27 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         )
 
     async def _optimize_path(self, request: OptimizePathRequest) -> OptimizePathResponse:
+        path, problem = request.path, ""
+        if len(path.poses) == 2:
+            # Two ends are no path yet: the stack's own plan is what a better way is compared with.
+            plan, problem = await self._navigation.plan(path.poses[0], path.poses[1])
+            path = path if plan is None else plan
         # Planning takes a while on a large map; metrics must not wait for it.
-        return await asyncio.to_thread(self._better_way, request.path, request.weight)
+        response = await asyncio.to_thread(self._better_way, path, request.weight)
+        if problem:
+            response.message = f"{response.message} ({problem})"
+        return response
 
     def _better_way(self, path: Path, weight: float) -> OptimizePathResponse:
-        grid, quality = self.map, self.quality
-        if grid is None or quality is None:
-            return OptimizePathResponse(message="there is no map yet (topic /map)")
-        points = [(pose.pose.position.x, pose.pose.position.y) for pose in path.poses]
-        if len(points) < 2:
-            return OptimizePathResponse(message="a path needs two poses or more")
-        before = analyze_path(points, quality)
         wanted = weight or float(self._node.parameters["~comm_weight"])
-        cells: NDArray[np.int8] = occupancy_grid_to_numpy(grid)
-        way = plan_between(cells, quality, points[0], points[-1], PathWeights(wanted))
-        if way is None:
-            text = "an end is outside the map or in an obstacle, or no way leads there"
-            return OptimizePathResponse(message=text, before=_quality_message(before))
-        after = analyze_path(way, quality)
-        return OptimizePathResponse(
-            success=True,
-            message=_told(before, after),
-            path=_path_message(path, way),
-            before=_quality_message(before),
-            after=_quality_message(after),
-        )
+        return better_way(path, self.map, self.quality, wanted)
 
     async def _enhance(
         self, goal: ServerGoal[EnhanceMapGoal, EnhanceMapResult, EnhanceMapFeedback]
     ) -> EnhanceMapResult:
         given = goal.goal.map
         grid = given if given.data else self.map
-        if grid is None or _frame(grid) is None:
+        if grid is None or frame_of(grid) is None:
             goal.abort(EnhanceMapResult(), "there is no map")
             return EnhanceMapResult()
         if self.quality is None:
@@ -279,52 +313,3 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         result = self._with_quality(grid)
         goal.publish_feedback(EnhanceMapFeedback(progress=1.0))
         return EnhanceMapResult(map=result, known_cells=self.quality.known_cells())
-
-
-def _frame(grid: OccupancyGrid) -> GridFrame | None:
-    info = grid.info
-    if not (info.width and info.height and info.resolution > 0):
-        return None
-    if len(grid.data) != info.width * info.height:
-        return None
-    turn: Quaternion = info.origin.orientation
-    yaw = math.atan2(
-        2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y * turn.y + turn.z * turn.z)
-    )
-    at = info.origin.position
-    return GridFrame(info.width, info.height, info.resolution, at.x, at.y, yaw)
-
-
-def _quality_message(quality: PathQuality) -> PathQualityMessage:
-    return PathQualityMessage(
-        length_m=quality.length_m,
-        mean=quality.mean,
-        minimum=quality.minimum,
-        dead_zone_m=quality.dead_zone_m,
-        unknown_m=quality.unknown_m,
-    )
-
-
-def _path_message(path: Path, way: list[tuple[float, float]]) -> Path:
-    result = Path(header=path.header)
-    last = path.poses[-1].pose
-    for index, (x, y) in enumerate(way):
-        following = way[min(index + 1, len(way) - 1)]
-        pose = Pose()
-        pose.position.x, pose.position.y = x, y
-        if index == len(way) - 1:
-            pose.orientation.CopyFrom(last.orientation)
-        else:
-            yaw = math.atan2(following[1] - y, following[0] - x)
-            pose.orientation.z, pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
-        result.poses.append(PoseStamped(header=path.header, pose=pose))
-    return result
-
-
-def _told(before: PathQuality, after: PathQuality) -> str:
-    return (
-        f"quality mean {before.mean:.2f} -> {after.mean:.2f}, "
-        f"least {before.minimum:.2f} -> {after.minimum:.2f}, "
-        f"in dead zones {before.dead_zone_m:.1f} m -> {after.dead_zone_m:.1f} m, "
-        f"length {before.length_m:.1f} m -> {after.length_m:.1f} m"
-    )

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from statistics import fmean, pstdev
 
 from simple_ros_engines.physical_adaptive.congestion import CongestionWatch, prevent
+from simple_ros_engines.physical_adaptive.congestion_learning import CongestionLearner
 from simple_ros_engines.physical_adaptive.harq import advised_retransmissions
 from simple_ros_engines.physical_adaptive.link_adaptation import LinkAdapter, OuterLoop
 from simple_ros_engines.physical_adaptive.q_learning import (
@@ -40,6 +41,7 @@ __all__ = ["ACTIONS", "Demand", "LinkView", "PhysicalAdaptive", "PhysicalSetting
 ACTIONS = [(mcs, compression) for mcs in range(-3, 4) for compression in (-1, 0, 1)]
 """Corrections of the heuristic: schemes up or down, compression ratio times 0.8, 1 or 1.25."""
 _HEURISTIC = ACTIONS.index((0, 0))
+_REVIEW_AFTER = 100
 _EXPLORED = {
     "best": "USING_RL_RECOMMENDATION",
     "heuristic": "EXPLOITING_PREVIOUS_STRATEGY",
@@ -58,6 +60,8 @@ class PhysicalSettings:
         max_harq_retx: Most repetitions.
         learn: Whether corrections are learnt.
         q: How.
+        learn_congestion: Whether a link that is about to congest is recognised by what came before earlier
+            congestion of it.
     """
 
     carrier: Carrier = field(default_factory=Carrier)
@@ -66,6 +70,7 @@ class PhysicalSettings:
     max_harq_retx: int = 4
     learn: bool = True
     q: QSettings = field(default_factory=QSettings)
+    learn_congestion: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +122,8 @@ class _Link:
         loop = OuterLoop(settings.target_bler)
         self.adapter = LinkAdapter(settings.table, loop)
         self.congestion = CongestionWatch()
+        self.foresight = CongestionLearner() if settings.learn_congestion else None
+        self.will_congest = False
         self.learner = QLearner(ACTIONS, _HEURISTIC, settings.q)
         self.snrs: deque[float] = deque(maxlen=10)
         self.blers: deque[float] = deque(maxlen=10)
@@ -156,7 +163,10 @@ class PhysicalAdaptive:
             is_known = view.mcs is not None and view.mcs < len(mcs_table(self.settings.table))
             if is_known and view.snr_db is not None and view.mcs is not None:
                 link.adapter.calibrate(view.snr_db, view.mcs, view.bler)
-        return link.congestion.sample(view.buffer_bytes, view.rtt_ms)
+        congests = link.congestion.sample(view.buffer_bytes, view.rtt_ms)
+        if link.foresight is not None:
+            link.will_congest = link.foresight.sample(view.buffer_bytes, view.rtt_ms)
+        return congests or link.will_congest
 
     def applied(self, link_id: str) -> None:
         """An actuator has applied the newest strategy of a link."""
@@ -187,7 +197,7 @@ class PhysicalAdaptive:
             need.rate_bps,
             action,
         )
-        if link.congestion.is_congested:
+        if link.congestion.is_congested or link.will_congest:
             ratio, lower = prevent(draft.compression_ratio, draft.priority)
             draft = replace(draft, compression_ratio=ratio, priority=lower)
         granted = carrier.n_prb if demand.granted_prb is None else demand.granted_prb
@@ -262,6 +272,23 @@ class PhysicalAdaptive:
             f"{link_id}: {learner.episodes} experiences, {learner.states_seen()} states, "
             f"mean reward {reward}, exploring {learner.exploration_rate():.2f}"
         )
+
+    def review(self) -> None:
+        """Adapt learning rates: up by a fifth where the last rewards were below 0.3, down where above 0.7.
+
+        The design's rule. A faster rate on low rewards is no way to convergence, so it is not the default.
+        """
+        for link in self._links.values():
+            reward = link.learner.mean_reward()
+            if reward is None or link.learner.episodes < _REVIEW_AFTER:
+                continue
+            settings = link.learner.settings
+            rate = settings.learning_rate
+            if reward < 0.3:
+                rate = min(0.5, rate * 1.2)
+            elif reward > 0.7:
+                rate = max(0.01, rate * 0.8)
+            link.learner.settings = replace(settings, learning_rate=rate)
 
     def search(
         self, link_id: str, view: LinkView, demand: Demand, iterations: int, target_bler: float

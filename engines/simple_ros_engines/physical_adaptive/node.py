@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import random
 from typing import ClassVar
 
 from simple_ros.aio import ServerGoal
+from simple_ros.errors import ConfigError
 from simple_ros.msg.std_msgs import Float32, String, UInt32
 from simple_ros.msg.wireless_ros_msgs import (
     ActuationReport,
@@ -22,14 +24,17 @@ from simple_ros.msg.wireless_ros_msgs import (
 )
 from simple_ros.node import NodeHandle
 from simple_ros_engines.base import NAMESPACE, WirelessEngine, outlet
-from simple_ros_engines.physical_adaptive.actuators import Actuator, Applied, RrmPolicyFile
+from simple_ros_engines.health import report_health
+from simple_ros_engines.physical_adaptive.actuators import Actuator, RrmPolicyFile
 from simple_ros_engines.physical_adaptive.core import (
     Demand,
     LinkView,
     PhysicalAdaptive,
     PhysicalSettings,
 )
+from simple_ros_engines.physical_adaptive.parameter_actuator import ParameterActuator
 from simple_ros_engines.physical_adaptive.q_learning import QSettings
+from simple_ros_engines.physical_adaptive.sending import applied_by, report_of
 from simple_ros_engines.physical_adaptive.strategy import Strategy
 from simple_ros_engines.radio.carrier import Carrier, resource_blocks
 from simple_ros_engines.radio_information.record import link_id_of
@@ -44,7 +49,9 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
 
     Parameters besides the common ones: ``use_reinforcement_learning``, ``learning_rate``,
     ``exploration_rate``, ``min_exploration_rate``, ``discount_factor``, ``seed``, ``target_bler``,
-    ``max_harq_retx``, ``bandwidth_mhz``, ``scs_khz``, ``rrm_policy_file`` (empty: none is written).
+    ``max_harq_retx``, ``bandwidth_mhz``, ``scs_khz``, ``rrm_policy_file`` (empty: none is written),
+    ``apply_parameters`` (JSON: field of a strategy to name of a parameter, in which ``{link}`` stands for
+    the link), ``adapt_learning_rate``, ``learn_congestion``.
     """
 
     node_name: ClassVar[str] = f"{NAMESPACE}/physical_adaptive_engine"
@@ -58,6 +65,9 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         self._views: dict[str, LinkView] = {}
         self._demands: dict[str, Demand] = {}
         self._recommendation = ""
+        self._newest: dict[str, TransmissionStrategy] = {}
+        self._parameters: ParameterActuator | None = None
+        self._setting: dict[str, asyncio.Task[None]] = {}
 
     async def set_up(self, node: NodeHandle) -> None:
         """Declare, advertise, subscribe, provide."""
@@ -71,15 +81,18 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         self._success = await advertise(f"/{NAMESPACE}/packet_success_rate", Float32)
         self._action = await advertise(f"/{NAMESPACE}/adaptive_action", String)
         self._learning = await advertise(f"/{NAMESPACE}/learning_status", String)
-        await node.subscribe(f"/{NAMESPACE}/phy_layer_metrics", PhyLayerMetrics, self._metrics)
-        await node.subscribe(f"/{NAMESPACE}/channel_state", ChannelState, self._channel)
-        await node.subscribe(f"/{NAMESPACE}/constraints", Constraint, self._came)
+        await self.listen(node, "phy_layer_metrics", PhyLayerMetrics, self._metrics)
+        await self.listen(node, "channel_state", ChannelState, self._channel)
+        await self.listen(node, "constraints", Constraint, self._came)
         await node.subscribe(f"/{NAMESPACE}/adaptation_recommendation", String, self._recommended)
         await node.subscribe(f"/{NAMESPACE}/actuation_report", ActuationReport, self._reported)
         await node.advertise_action(
             f"/{NAMESPACE}/optimize_strategy", OptimizeStrategy, self._optimize
         )
         node.create_timer(10.0, lambda _: self._tell_learning())
+        if bool(await node.declare_parameter("~adapt_learning_rate", False, read_only=True)):
+            node.create_timer(60.0, lambda _: self.core.review())
+        await report_health(node, self)
 
     async def _declare(self, node: NodeHandle) -> None:
         get = node.declare_parameter
@@ -98,12 +111,16 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
             max_harq_retx=int(await get("~max_harq_retx", 4, minimum=0, maximum=16)),
             learn=learn,
             q=q,
+            learn_congestion=bool(await get("~learn_congestion", False, read_only=True)),
         )
         seed = int(await get("~seed", 0, read_only=True))
         self.core = PhysicalAdaptive(settings, random.Random(seed))  # noqa: S311
         path = str(await get("~rrm_policy_file", "", read_only=True))
         if path:
             self.actuators.append(RrmPolicyFile(path, n_prb))
+        names = str(await get("~apply_parameters", "", read_only=True))
+        if names:
+            self._parameters = ParameterActuator(node, _names(names))
 
     def link_count(self) -> int:
         """Links with a strategy."""
@@ -132,6 +149,11 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         self._recommendation = message.data
 
     def _reported(self, message: ActuationReport) -> None:
+        newest = self._newest.get(message.link_id)
+        stamp = message.header.stamp.ToNanoseconds()
+        # A report with no stamp is of a program that does not say which strategy it means.
+        if stamp and newest is not None and stamp != newest.header.stamp.ToNanoseconds():
+            return
         if message.applied:
             self.core.applied(message.link_id)
 
@@ -164,9 +186,23 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         message = _message(item.link_id, item.rnti, strategy)
         message.header.stamp.CopyFrom(item.header.stamp)
         self._strategy.publish(message)
+        self._newest[item.link_id] = message
         self._tell(strategy)
         for actuator in self.actuators:
-            self._actuate(actuator, item, strategy)
+            done = applied_by(actuator, item.link_id, item.rnti or None, strategy)
+            self._reports.publish(report_of(actuator.name, done, message))
+        if self._parameters is not None and item.link_id not in self._setting:
+            # One at a time for a link: what comes meanwhile is taken up when it is done.
+            task = asyncio.create_task(self._set_parameters(self._parameters, item.link_id))
+            self._setting[item.link_id] = task
+            task.add_done_callback(lambda _: self._setting.pop(item.link_id, None))
+
+    async def _set_parameters(self, actuator: ParameterActuator, link_id: str) -> None:
+        message: TransmissionStrategy | None = None
+        while message is not self._newest[link_id]:
+            message, strategy = self._newest[link_id], self.strategies[link_id]
+            done = await actuator.apply(link_id, strategy)
+            self._reports.publish(report_of(actuator.name, done, message))
 
     def _tell(self, strategy: Strategy) -> None:
         """The newest strategy on topics that know no links."""
@@ -178,14 +214,6 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
             self._ratio.publish(Float32(data=strategy.compression_ratio))
         if self._action.subscriber_count:
             self._action.publish(String(data=strategy.action))
-
-    def _actuate(self, actuator: Actuator, item: Constraint, strategy: Strategy) -> None:
-        done: Applied = actuator.apply(item.link_id, item.rnti or None, strategy)
-        report = ActuationReport(
-            link_id=item.link_id, actuator=actuator.name, applied=done.ok, detail=done.detail
-        )
-        report.header.stamp.CopyFrom(item.header.stamp)
-        self._reports.publish(report)
 
     def _tell_learning(self) -> None:
         if self._learning.subscriber_count:
@@ -226,3 +254,13 @@ def _message(link_id: str, rnti: int, strategy: Strategy) -> TransmissionStrateg
         rate_bps=strategy.rate_bps,
         action=strategy.action,
     )
+
+
+def _names(text: str) -> dict[str, str]:
+    try:
+        names = json.loads(text)
+    except ValueError as error:
+        raise ConfigError(f"apply_parameters is no JSON: {error}") from None
+    if not isinstance(names, dict):
+        raise ConfigError(f"apply_parameters is no JSON object: {text}")
+    return {str(field): str(name) for field, name in names.items()}

@@ -46,6 +46,8 @@ def discretize_state(snr_db: float, bler: float, buffer_bytes: float, criticalit
 
 _PROOF = 8
 """Experiences after which an action's value is believed."""
+_SETTLING = 200
+"""Experiences of an action after which its value settles."""
 _MEMORY = 0.995
 """Weight of older rewards in the account of what exploring costs."""
 
@@ -188,11 +190,16 @@ class QLearner:
             row.values[applied] = row.values[self.heuristic] + ahead
             row.counts[applied] = 1
         row.counts[applied] += 1
-        rate = max(settings.learning_rate, 1 / row.counts[applied])
+        rate = self._rate(row.counts[applied])
         row.values[applied] += rate * (target - row.values[applied])
         row.rewards[applied] += rate * (reward - row.rewards[applied])
         self.episodes += 1
         self._account(row, applied, reward)
+
+    def _rate(self, count: int) -> float:
+        """Weight of an experience: the mean at first, then the setting, then less and less (Robbins, Monro, 1951)."""
+        most = self.settings.learning_rate
+        return max(1 / count, min(most, _SETTLING * most / count), 0.1 * most)
 
     def _worth(self, state: Hashable) -> float:
         """The best action's value; for a state never seen, what the mean reward for ever is worth."""

@@ -53,10 +53,17 @@ THRESHOLDS = {
 
 _CONFIRM = {
     AnomalyKind.SNR_DROP: 2,
-    AnomalyKind.BLER_SPIKE: 2,
+    AnomalyKind.BLER_SPIKE: 3,
     AnomalyKind.LATENCY_SPIKE: 2,
 }
-"""Samples in a row that make a change: a single bad one is noise."""
+"""Samples in a row that make a change: a single bad one is noise. Adaptation takes two to follow a fade."""
+
+_WINDOW = {
+    AnomalyKind.SNR_DROP: 10,
+    AnomalyKind.BLER_SPIKE: 20,
+    AnomalyKind.LATENCY_SPIKE: 20,
+}
+"""Samples that say what is usual. A walk around a corner changes the ratio within two seconds."""
 
 
 class SuddenChange:
@@ -138,7 +145,10 @@ class AnomalyWatch:
         chosen = {**THRESHOLDS, **(thresholds or {})}
         self._watches = {
             kind: SuddenChange(
-                chosen[kind], falls=kind is AnomalyKind.SNR_DROP, confirm=_CONFIRM[kind]
+                chosen[kind],
+                falls=kind is AnomalyKind.SNR_DROP,
+                window=_WINDOW[kind],
+                confirm=_CONFIRM[kind],
             )
             for kind in AnomalyKind
         }

@@ -3,43 +3,34 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import time
-from statistics import fmean, pstdev
-from typing import Any, ClassVar
+from statistics import fmean
+from typing import ClassVar
 
-from simple_ros.aio import ServerGoal
-from simple_ros.errors import ConfigError, SimpleRosError
+from simple_ros.msg.geometry_msgs import PoseStamped
 from simple_ros.msg.std_msgs import Float32, String
 from simple_ros.msg.wireless_ros_msgs import (
     ChannelState,
     Forecast,
-    GetLinkQuality,
-    GetLinkQualityRequest,
-    GetLinkQualityResponse,
-    MonitorQuality,
-    MonitorQualityFeedback,
-    MonitorQualityGoal,
-    MonitorQualityResult,
     PhyLayerMetrics,
-    ReconfigureEngine,
-    ReconfigureEngineRequest,
-    ReconfigureEngineResponse,
     SpectrumAnalysis,
 )
 from simple_ros.node import NodeHandle
-from simple_ros_engines.base import NAMESPACE, WirelessEngine, outlet
-from simple_ros_engines.radio.carrier import Carrier, resource_blocks
-from simple_ros_engines.radio_information.anomalies import AnomalyKind
-from simple_ros_engines.radio_information.core import Findings, RadioInformation, RadioSettings
+from simple_ros_engines.base import NAMESPACE, Outlet, WirelessEngine, outlet
+from simple_ros_engines.radio_information.core import Findings, RadioInformation
+from simple_ros_engines.radio_information.health import SourceHealth
 from simple_ros_engines.radio_information.messages import (
     channel_state,
     forecast_message,
     phy_metrics,
     spectrum_analysis,
+    zone_text,
 )
-from simple_ros_engines.radio_information.record import LinkRecord, link_id_of
+from simple_ros_engines.radio_information.observers import Observers
+from simple_ros_engines.radio_information.record import LinkRecord
+from simple_ros_engines.radio_information.services import LinkServices
+from simple_ros_engines.radio_information.settings import radio_settings, source_options
 from simple_ros_engines.radio_information.sources.base import (
     MetricsSource,
     SourceDown,
@@ -51,15 +42,21 @@ __all__ = ["RadioInformationEngine"]
 logger = logging.getLogger(__name__)
 
 _RETRY_S = (0.5, 1.0, 2.0, 5.0)
-ENGINES = ("radio_info_engine", "cross_domain_engine", "physical_adaptive_engine")
+_STEADY_S = 10.0
+_NAMED = 5
+_FORECASTS = {"bandwidth": 1e-6, "latency": 1.0, "interference": 1.0}
+"""Forecasts that have a topic, and what their value is multiplied with there."""
 
 
 class RadioInformationEngine(WirelessEngine[LinkRecord]):
     """Reads metrics of radio links from a source, judges them, and tells.
 
-    Parameters besides the common ones: ``source`` and ``source_options`` (a JSON object),
-    ``history_window_size``, ``prediction_horizon`` (s), ``bandwidth_mhz``, ``scs_khz``, ``snr_drop`` (dB),
-    ``bler_spike``, ``latency_spike`` (ms).
+    Parameters besides the common ones: ``source``, its options below its own name (``wifi/interface``; or
+    together as ``source_options``, a JSON object),
+    ``history_window_size``, ``interpolate`` (samples missing in a row that histories fill; 0: none),
+    ``prediction_horizon`` (s), ``bandwidth_mhz``, ``scs_khz``, ``snr_drop`` (dB), ``bler_spike``,
+    ``latency_spike`` (ms), ``stale_after`` (s, age from which records are late; 0: two periods, at least
+    2 s), ``forget_after`` (s of silence), ``discovery_interval`` (s), ``link`` (the robot's own; empty: the only one there is).
     """
 
     node_name: ClassVar[str] = f"{NAMESPACE}/radio_info_engine"
@@ -69,7 +66,14 @@ class RadioInformationEngine(WirelessEngine[LinkRecord]):
         super().__init__()
         self.source: MetricsSource | None = None
         self.core = RadioInformation()
+        self.health = SourceHealth(time.monotonic())
+        self.observers = Observers()
         self.newest: dict[str, tuple[PhyLayerMetrics, float]] = {}
+        self.discovered: frozenset[str] = frozenset()
+        self._ages_s: dict[str, float] = {}
+        self._confidence: dict[tuple[str, str], float] = {}
+        self._link = ""
+        self._place: PoseStamped | None = None
 
     async def set_up(self, node: NodeHandle) -> None:
         """Declare, advertise, provide."""
@@ -77,82 +81,129 @@ class RadioInformationEngine(WirelessEngine[LinkRecord]):
         self._channel = await outlet(node, "channel_state", ChannelState, 100)
         self._metrics = await outlet(node, "phy_layer_metrics", PhyLayerMetrics, 100)
         self._spectrum = await outlet(node, "spectrum_analysis", SpectrumAnalysis, 100)
-        self._bandwidth = await outlet(node, "bandwidth_forecast", Forecast, 100)
-        self._latency = await outlet(node, "latency_forecast", Forecast, 100)
+        self._forecasts: dict[str, Outlet[Forecast]] = {
+            name: await outlet(node, f"{name}_forecast", Forecast, 100) for name in _FORECASTS
+        }
         self._zone = await node.advertise(f"/{NAMESPACE}/interference_zone", String)
         self._used = await node.advertise(f"/{NAMESPACE}/prb_utilization", Float32)
+        self._carrier = await node.advertise(f"/{NAMESPACE}/resource_utilization", Float32)
         self._alert = await node.advertise(f"/{NAMESPACE}/anomaly", String)
-        await node.advertise_service(
-            f"/{NAMESPACE}/get_link_quality", GetLinkQuality, self._get_link_quality
-        )
-        self._node = node
-        await node.advertise_service(
-            f"/{NAMESPACE}/reconfigure_engine", ReconfigureEngine, self._reconfigure
-        )
-        await node.advertise_action(f"/{NAMESPACE}/monitor_quality", MonitorQuality, self._monitor)
+        await LinkServices(node, self.core.book, self.newest).provide()
+        await node.subscribe("/robot/pose", PoseStamped, self._moved)
+        assert self.source is not None
+        await self.source.attach(node)
 
     async def _declare(self, node: NodeHandle) -> None:
         get = node.declare_parameter
         name = str(await get("~source", "transport", read_only=True))
-        text = str(await get("~source_options", "{}", read_only=True))
-        window = int(
-            await get("~history_window_size", 50, minimum=10, maximum=10_000, read_only=True)
-        )
-        horizon = float(
-            await get("~prediction_horizon", 1.0, minimum=0.1, maximum=60, read_only=True)
-        )
-        mhz = int(await get("~bandwidth_mhz", 20, read_only=True))
-        scs = int(await get("~scs_khz", 30, choices=(15, 30, 60), read_only=True))
-        thresholds = {
-            kind: float(await get(f"~{kind.value.lower()}", default, minimum=0, read_only=True))
-            for kind, default in (
-                (AnomalyKind.SNR_DROP, 5.0),
-                (AnomalyKind.BLER_SPIKE, 0.15),
-                (AnomalyKind.LATENCY_SPIKE, 30.0),
-            )
-        }
-        self.source = make_source(name, _options(text))
-        period = self.source.period_s
-        self.core = RadioInformation(
-            RadioSettings(
-                Carrier(scs, resource_blocks(scs, mhz)),
-                window=window,
-                horizon_s=horizon,
-                period_s=period,
-                silent_s=max(2.0, 5 * period),
-                thresholds=thresholds,
-            )
+        self.source = source = make_source(name, await source_options(node, name))
+        self._link = str(await get("~link", "", read_only=True))
+        self._discovery_s = float(await get("~discovery_interval", 5.0, minimum=0.1, maximum=600))
+        stale_s = float(await get("~stale_after", 0.0, minimum=0, maximum=600, read_only=True))
+        settings = await radio_settings(node, source)
+        self.core = RadioInformation(settings)
+        self.health = SourceHealth(
+            time.monotonic(),
+            stale_s or max(2.0, 2 * source.period_s),
+            float("inf") if source.may_be_silent else settings.silent_s,
+            live=source.live,
         )
 
     async def work(self, node: NodeHandle) -> None:
         """Read the source, and try again while it is down."""
         node.create_timer(1.0, lambda _: self._tell_silent())
         assert self.source is not None
+        discovering = asyncio.create_task(self._discover(self.source))
+        try:
+            await self._read(self.source)
+            await node.spin()
+        finally:
+            discovering.cancel()
+            await asyncio.gather(discovering, return_exceptions=True)
+
+    async def _read(self, source: MetricsSource) -> None:
         tries = 0
         while True:
             begun = time.monotonic()
             try:
-                await self.source.run(self._came)
-                self.state, self.detail = "degraded", "the source has ended"
-                await node.spin()
+                await source.run(self._came)
+                self.health.ended()
+                self._judge()
                 return
             except SourceDown as error:
-                if time.monotonic() - begun > 10:
-                    tries = 0
-                wait_s = _RETRY_S[min(tries, len(_RETRY_S) - 1)]
-                self.state, self.detail = "degraded", str(error)
-                if not tries:
-                    logger.warning("no metrics: %s; trying again", error)
-                tries += 1
-                await asyncio.sleep(wait_s)
+                reason = str(error)
+            except Exception as error:
+                # A source is a plug-in: its mistake must not end the engine.
+                self.errors += 1
+                logger.exception("the source failed")
+                reason = f"{type(error).__name__}: {error}"
+            if time.monotonic() - begun > _STEADY_S:
+                tries = 0
+            self.health.failed(reason)
+            self._judge()
+            if not tries:
+                logger.warning("no metrics: %s; trying again", reason)
+            await asyncio.sleep(_RETRY_S[min(tries, len(_RETRY_S) - 1)])
+            tries += 1
+
+    async def _discover(self, source: MetricsSource) -> None:
+        """Ask the source now and then which links it has heard of lately."""
+        while True:
+            try:
+                found = await source.discover()
+            except SourceDown as error:
+                logger.debug("no discovery: %s", error)
+            except Exception:
+                self.errors += 1
+                logger.exception("discovery failed")
+            else:
+                if found is None:
+                    return
+                for link in sorted(found - self.discovered - set(self.core.book.current)):
+                    logger.info("link %s is known to the source", link)
+                self.discovered = found
+            await asyncio.sleep(self._discovery_s)
 
     def _came(self, record: LinkRecord) -> None:
-        self.state, self.detail = "active", ""
+        age_s = self.health.came(record, time.time_ns(), time.monotonic())
+        self._ages_s[record.link_id] = age_s
+        if self.state != "active":
+            self._judge()
         self.offer(record.link_id, record)
+
+    def _judge(self) -> None:
+        self.detail = self.health.verdict(time.monotonic())
+        self.state = "degraded" if self.detail else "active"
+
+    def verdict(self) -> tuple[str, str]:
+        """State and what is wrong."""
+        self._judge()
+        return super().verdict()
 
     def link_count(self) -> int:
         """Links of which records come."""
         return len(self.core.book.active())
+
+    def inactive_count(self) -> int:
+        """Links that were heard of and say nothing now."""
+        return len(self.discovered | set(self.core.book.current)) - self.link_count()
+
+    def measures(self) -> dict[str, float]:
+        """What was wrong with records, and how forecasts came out (1: always right)."""
+        assert self.source is not None
+        found: dict[str, float] = {
+            **self.health.counts,
+            "malformed": self.source.malformed,
+            "repeated_records": self.core.stale,
+            "sessions_ended": len(self.core.book.ended),
+            "observer_errors": self.observers.errors,
+            "newest_age_s": self.health.age_s,
+        }
+        for name in _FORECASTS:
+            shares = [share for (kind, _), share in self._confidence.items() if kind == name]
+            if shares:
+                found[f"{name}_accuracy"] = fmean(shares)
+        return found
 
     def priority(self, item: LinkRecord) -> float:
         """Bad links go first."""
@@ -165,92 +216,63 @@ class RadioInformationEngine(WirelessEngine[LinkRecord]):
 
     def look_at(self, item: LinkRecord) -> None:
         """Judge a record and tell."""
+        self.core.foretells_interference = self._forecasts["interference"].is_heard
         findings = self.core.take(item, time.monotonic())
         if findings is None:
             return
         metrics = phy_metrics(findings)
         self.newest[item.link_id] = (metrics, time.monotonic())
         if findings.began:
-            logger.info("link %s, session %d", item.link_id, findings.session)
-        self._channel.publish(channel_state(item, findings.session))
+            why = findings.beginning.value
+            logger.info("link %s, session %d: %s", item.link_id, findings.session, why)
+        place = self._place if self._is_own(item.link_id) else None
+        state = channel_state(
+            item,
+            findings.session,
+            missing=findings.missing,
+            age_s=self._ages_s.get(item.link_id, 0.0),
+        )
+        self._channel.publish(state)
         self._metrics.publish(metrics)
-        self._spectrum.publish(spectrum_analysis(findings))
-        self._tell_rest(findings)
+        self._spectrum.publish(spectrum_analysis(findings, place))
+        self.observers.notify_observers(state)
+        self._tell_rest(findings, place)
 
-    def _tell_rest(self, findings: Findings) -> None:
+    def _is_own(self, link_id: str) -> bool:
+        return link_id == self._link or (not self._link and len(self.newest) == 1)
+
+    def _tell_rest(self, findings: Findings, place: PoseStamped | None) -> None:
         record = findings.record
-        if findings.bandwidth is not None and self._bandwidth.is_heard:
-            self._bandwidth.publish(forecast_message(record, findings.bandwidth, 1e-6))
-        if findings.latency is not None and self._latency.is_heard:
-            self._latency.publish(forecast_message(record, findings.latency, 1.0))
-        if findings.utilization is not None and self._used.subscriber_count:
-            self._used.publish(Float32(data=findings.utilization))
+        for name, factor in _FORECASTS.items():
+            forecast = getattr(findings, name)
+            if forecast is not None:
+                self._confidence[name, record.link_id] = forecast.confidence
+                if self._forecasts[name].is_heard:
+                    self._forecasts[name].publish(forecast_message(record, forecast, factor))
+        if findings.own_share is not None and self._used.subscriber_count:
+            self._used.publish(Float32(data=findings.own_share))
+        share = self.core.carrier_share(record) if self._carrier.subscriber_count else None
+        if share is not None:
+            self._carrier.publish(Float32(data=share))
         for zone in findings.zones if self._zone.subscriber_count else ():
-            self._zone.publish(String(data=f"{record.link_id}: {zone}"))
+            self._zone.publish(String(data=zone_text(record.link_id, zone, place)))
         for change in findings.anomalies:
             what = "began" if change.began else "ended"
             text = f"{record.link_id}: {change.kind.value} {what}, {change.value:g}"
             self._alert.publish(String(data=f"{text} (usual {change.usual:g})"))
 
+    def _moved(self, message: PoseStamped) -> None:
+        self._place = message
+
     def _tell_silent(self) -> None:
-        for session in self.core.silent(time.monotonic()):
-            logger.warning("link %s is silent", session.link_id)
-
-    def _find(self, rnti: int, link_id: str) -> tuple[PhyLayerMetrics, float] | None:
-        return self.newest.get(link_id or link_id_of(rnti))
-
-    def _get_link_quality(self, request: GetLinkQualityRequest) -> GetLinkQualityResponse:
-        found = self._find(request.rnti, request.link_id)
-        if found is None:
-            known = ", ".join(sorted(self.newest)) or "none"
-            return GetLinkQualityResponse(message=f"no such link; there are: {known}")
-        age_s = time.monotonic() - found[1]
-        return GetLinkQualityResponse(found=True, metrics=found[0], age_s=age_s)
-
-    async def _reconfigure(self, request: ReconfigureEngineRequest) -> ReconfigureEngineResponse:
-        """Set parameters of an engine; its node has the last word."""
-        name = request.engine.removeprefix(f"/{NAMESPACE}/").removeprefix(f"{NAMESPACE}/")
-        if name not in ENGINES:
-            return ReconfigureEngineResponse(message=f"{name!r} is none of {', '.join(ENGINES)}")
-        try:
-            values = _options(request.json)
-            await self._node.set_parameters(
-                {f"/{NAMESPACE}/{name}/{key}": value for key, value in values.items()}
-            )
-        except SimpleRosError as error:
-            return ReconfigureEngineResponse(message=str(error))
-        return ReconfigureEngineResponse(ok=True, applied=json.dumps(values))
-
-    async def _monitor(
-        self, goal: ServerGoal[MonitorQualityGoal, MonitorQualityResult, MonitorQualityFeedback]
-    ) -> MonitorQualityResult:
-        wanted = goal.goal
-        period_s = max(0.02, wanted.period_s or 0.5)
-        qualities: list[float] = []
-        for _ in range(max(1, round((wanted.duration_s or 5.0) / period_s))):
-            await asyncio.sleep(period_s)
-            found = self._find(wanted.rnti, wanted.link_id)
-            if found is not None:
-                qualities.append(found[0].link_quality)
-                age_s = time.monotonic() - found[1]
-                goal.publish_feedback(MonitorQualityFeedback(metrics=found[0], age_s=age_s))
-        if not qualities:
-            goal.abort(MonitorQualityResult(), "no sample of that link came")
-            return MonitorQualityResult()
-        return MonitorQualityResult(
-            samples=len(qualities),
-            mean=fmean(qualities),
-            minimum=min(qualities),
-            maximum=max(qualities),
-            deviation=pstdev(qualities),
-        )
-
-
-def _options(text: str) -> dict[str, Any]:
-    try:
-        found = json.loads(text or "{}")
-    except ValueError as error:
-        raise ConfigError(f"{text!r} is no JSON: {error}") from error
-    if not isinstance(found, dict):
-        raise ConfigError(f"{text!r} is no JSON object")
-    return found
+        silent = [session.link_id for session in self.core.silent(time.monotonic())]
+        if silent:
+            more = "" if len(silent) <= _NAMED else f" and {len(silent) - _NAMED} more"
+            names = ", ".join(silent[:_NAMED])
+            logger.warning("no longer heard of: %s%s", names, more)
+        for link in self.core.forget(time.monotonic()):
+            self.forget(link)
+            self.newest.pop(link, None)
+            self._ages_s.pop(link, None)
+            for name in _FORECASTS:
+                self._confidence.pop((name, link), None)

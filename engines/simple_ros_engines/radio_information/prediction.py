@@ -1,25 +1,24 @@
-"""What a number will be in a moment: several simple forecasters, the one that proved best speaks. Pure.
+"""What a number will be in a moment: several simple forecasters, the ones that proved best speak. Pure.
 
 Every forecaster issues a forecast with each sample; when its time has come it is scored by what really
 came. The forecast that is given is the mean of all, weighted by how they did (Cesa-Bianchi and Lugosi,
 "Prediction, Learning, and Games", 2006, ch. 2): smooth where noise rules, the newest value where the
-number wanders, a line where it goes somewhere, and a linear combination that is learnt
-(`forecasting.LinearForecaster`). Confidence is one minus the mean relative error.
+number wanders, a line where it goes somewhere. Two more learn what the simple ones together miss, by linear
+combination of the past of the number and of others beside it (`forecasting.LinearForecaster`). Confidence is one
+minus the mean relative error.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from statistics import fmean, median
+from statistics import fmean
 
 from simple_ros_engines.forecasting import LinearForecaster
 
-__all__ = ["FORECASTERS", "Forecast", "Predictor", "line_fit", "theil_sen"]
-
-Forecaster = Callable[[Sequence[float], Sequence[float], float], float]
+__all__ = ["Forecast", "Predictor", "line_fit"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +38,7 @@ class Forecast:
     error: float | None
 
 
-def line_fit(times_s: Sequence[float], values: Sequence[float], at_s: float) -> float:
+def line_fit(times_s: Collection[float], values: Collection[float], at_s: float) -> float:
     """Value at a time of the least squares line; their mean if all times are equal."""
     middle_t, middle_v = fmean(times_s), fmean(values)
     spread = sum((t - middle_t) ** 2 for t in times_s)
@@ -49,60 +48,41 @@ def line_fit(times_s: Sequence[float], values: Sequence[float], at_s: float) -> 
     return middle_v + slope / spread * (at_s - middle_t)
 
 
-def theil_sen(times_s: Sequence[float], values: Sequence[float], at_s: float) -> float:
-    """Value at a time of the line with the median of all slopes, which outliers do not turn."""
-    slopes = [
-        (values[j] - values[i]) / (times_s[j] - times_s[i])
-        for i in range(len(values))
-        for j in range(i + 1, len(values))
-        if times_s[j] > times_s[i]
-    ]
-    if not slopes:
-        return median(values)
-    slope = median(slopes)
-    level = median(v - slope * t for t, v in zip(times_s, values, strict=True))
-    return level + slope * at_s
+_SMOOTHING = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.005)
+"""Weights of a new sample in the means that are forecasters; 1 is the newest value."""
+_LINE = 10
+_RIDGE = 100.0
+_REMEMBERED = 3000.0
+"""Of what learns: belief in the simple ones, and samples it remembers."""
 
 
-def _newest(_: Sequence[float], values: Sequence[float], __: float) -> float:
-    return values[-1]
+class _Simple:
+    """Forecasters that need no learning: means that fade, and half way along the line of ten."""
 
+    COUNT = len(_SMOOTHING) + 1
 
-def _mean_of(count: int) -> Forecaster:
-    def forecast(_: Sequence[float], values: Sequence[float], __: float) -> float:
-        return fmean(values[-count:])
+    def __init__(self) -> None:
+        self._means: list[float] = []
+        self._seen = 0
+        self._times: deque[float] = deque(maxlen=_LINE)
+        self._values: deque[float] = deque(maxlen=_LINE)
 
-    return forecast
-
-
-def _smoothed(alpha: float) -> Forecaster:
-    def forecast(_: Sequence[float], values: Sequence[float], __: float) -> float:
-        level = values[0]
-        for value in values:
-            level += alpha * (value - level)
-        return level
-
-    return forecast
-
-
-def _damped_line(count: int, damping: float) -> Forecaster:
-    def forecast(times_s: Sequence[float], values: Sequence[float], at_s: float) -> float:
-        times, recent = times_s[-count:], values[-count:]
-        now = line_fit(times, recent, times[-1])
-        return now + damping * (line_fit(times, recent, at_s) - now)
-
-    return forecast
-
-
-FORECASTERS: dict[str, Forecaster] = {
-    "newest": _newest,
-    "mean of 3": _mean_of(3),
-    "mean of 10": _mean_of(10),
-    "mean of all": _mean_of(50),
-    "smoothed 0.3": _smoothed(0.3),
-    "half line of 10": _damped_line(10, 0.5),
-}
-"""The forecasters that need no learning, by name; the linear one comes on top."""
+    def sample(self, time_s: float, value: float, due_s: float) -> list[float]:
+        if self._times and time_s <= self._times[-1]:
+            self._times.clear()
+            self._values.clear()
+        self._times.append(time_s)
+        self._values.append(value)
+        self._seen += 1
+        if not self._means:
+            self._means = [value] * len(_SMOOTHING)
+        self._means = [
+            mean + max(weight, 1 / self._seen) * (value - mean)
+            for weight, mean in zip(_SMOOTHING, self._means, strict=True)
+        ]
+        now = line_fit(self._times, self._values, time_s)
+        then = line_fit(self._times, self._values, due_s)
+        return [*self._means, now + 0.5 * (then - now)]
 
 
 class Predictor:
@@ -112,11 +92,11 @@ class Predictor:
         horizon_s: How far ahead.
         least: Forecasts are never below; 100 kbit/s for rates, 1 ms for round trips.
         most: Never above.
-        window: Samples looked at.
         memory: Weight of old scores at each new one.
         period_s: Between samples, as far as known; says how many samples the horizon is.
         logarithmic: Whether to reckon with logarithms, as fits rates and round trips; ``least`` must
             then be more than 0.
+        others: How many numbers beside it may know something.
     """
 
     def __init__(
@@ -125,40 +105,43 @@ class Predictor:
         *,
         least: float = -math.inf,
         most: float = math.inf,
-        window: int = 50,
         memory: float = 0.9995,
         period_s: float = 0.1,
         logarithmic: bool = False,
+        others: int = 0,
     ) -> None:
         self.horizon_s = horizon_s
         self._least = least
         self._most = most
-        self._times: deque[float] = deque(maxlen=window)
-        self._values: deque[float] = deque(maxlen=window)
+        self._newest_s = -math.inf
         self._issued: deque[tuple[float, tuple[float, ...], float]] = deque(maxlen=1000)
         self._memory = memory
         self._logarithmic = logarithmic
-        self._linear = LinearForecaster(max(1, round(horizon_s / period_s)))
-        self._losses = [0.0] * (len(FORECASTERS) + 1)
+        self._simple = _Simple()
+        ahead = max(1, round(horizon_s / period_s))
+        self._learners = [
+            LinearForecaster(ahead, _REMEMBERED, _RIDGE, groups=8, others=count)
+            for count in ((0, others) if others else (0,))
+        ]
+        self._losses = [0.0] * (_Simple.COUNT + len(self._learners))
         self._weight = 0.0
         self._error = 0.0
         self._relative = 0.0
 
-    def sample(self, time_s: float, value: float) -> Forecast:
-        """Take a sample and look ahead from it."""
-        if self._times and time_s <= self._times[-1]:
-            self._forget_times(time_s)
-        self._score(time_s, value)
-        self._times.append(time_s)
-        self._values.append(self._in(value))
-        return self._look_ahead(time_s)
+    def sample(self, time_s: float, value: float, others: Sequence[float | None] = ()) -> Forecast:
+        """Take a sample and look ahead from it.
 
-    def _forget_times(self, time_s: float) -> None:
-        # The clock was set back: what was promised for a time that comes again cannot be judged.
-        if time_s < self._times[-1]:
+        Args:
+            time_s: When it was taken.
+            value: What it was.
+            others: The numbers beside it, as many as were announced; None where one is missing.
+        """
+        if time_s < self._newest_s:
+            # The clock was set back: what was promised for a time that comes again cannot be judged.
             self._issued.clear()
-        self._times.clear()
-        self._values.clear()
+        self._newest_s = time_s
+        self._score(time_s, value)
+        return self._look_ahead(time_s, self._in(value), others)
 
     def _score(self, time_s: float, value: float) -> None:
         while self._issued and self._issued[0][0] <= time_s:
@@ -178,20 +161,19 @@ class Predictor:
         self._error = keep * self._error + error
         self._relative = keep * self._relative + min(1.0, error / max(1e-9, abs(value), 0.1))
 
-    def _look_ahead(self, time_s: float) -> Forecast:
+    def _look_ahead(self, time_s: float, value: float, others: Sequence[float | None]) -> Forecast:
         due_s = time_s + self.horizon_s
-        times, values = list(self._times), list(self._values)
-        guesses = [one(times, values, due_s) for one in FORECASTERS.values()]
-        # A combination may point anywhere; nothing new is expected from it.
-        linear = self._linear.sample(values[-1])
-        guesses.append(max(min(values), min(max(values), linear)))
+        guesses = self._simple.sample(time_s, value, due_s)
+        base = self._joined(guesses)
+        for learner, beside in zip(self._learners, ((), others), strict=False):
+            guesses.append(learner.sample(value, base, beside))
         forecasts = tuple(self._out(guess) for guess in guesses)
-        bounded = self._joined(forecasts)
-        self._issued.append((due_s, forecasts, bounded))
+        given = self._out(self._joined(guesses))
+        self._issued.append((due_s, forecasts, given))
         if not self._weight:
-            return Forecast(bounded, self.horizon_s, 0.0, None)
+            return Forecast(given, self.horizon_s, 0.0, None)
         confidence = 1 - self._relative / self._weight
-        return Forecast(bounded, self.horizon_s, confidence, self._error / self._weight)
+        return Forecast(given, self.horizon_s, confidence, self._error / self._weight)
 
     def _in(self, value: float) -> float:
         return math.log(max(self._least, value)) if self._logarithmic else value
@@ -200,12 +182,13 @@ class Predictor:
         value = math.exp(min(100.0, guess)) if self._logarithmic else guess
         return min(self._most, max(self._least, value))
 
-    def _joined(self, forecasts: tuple[float, ...]) -> float:
+    def _joined(self, guesses: Sequence[float]) -> float:
         if self._weight < 3:
-            # Nothing is known about anybody: the smooth middle.
-            return fmean(forecasts[:3])
-        least = min(self._losses)
+            # Nothing is known about anybody: the newest, a little smoothed.
+            return fmean(guesses[:3])
+        losses = self._losses[: len(guesses)]
+        least = min(losses)
         scale = 0.02 * least + 1e-12
-        weights = [math.exp(-(loss - least) / scale) for loss in self._losses]
+        weights = [math.exp(-(loss - least) / scale) for loss in losses]
         total = sum(weights)
-        return sum(w * f for w, f in zip(weights, forecasts, strict=True)) / total
+        return sum(w * g for w, g in zip(weights, guesses, strict=True)) / total

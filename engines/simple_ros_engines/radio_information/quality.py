@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import fmean, pstdev
+from statistics import fmean
 
 from simple_ros_engines.radio.mcs import McsTable, mcs_entry, mcs_table
 from simple_ros_engines.radio_information.history import Session
@@ -19,6 +19,7 @@ __all__ = [
     "assess",
     "channel_capacity",
     "channel_stability",
+    "deviation",
     "link_quality",
     "reliability",
     "spectral_efficiency",
@@ -56,6 +57,12 @@ def _clip(value: float) -> float:
     return max(0.0, min(1.0, value))
 
 
+def deviation(values: Sequence[float]) -> float:
+    """Standard deviation of all values there are; that of `statistics` is exact and fifty times slower."""
+    mean = fmean(values)
+    return math.sqrt(sum((value - mean) ** 2 for value in values) / len(values))
+
+
 def link_quality(snrs_db: Sequence[float], blers: Sequence[float]) -> float:
     """``0.6 clip(SNR/30) + 0.4 (1 - min(1, 5 BLER))`` of the means; 0.5 while nothing is known.
 
@@ -73,10 +80,10 @@ def channel_stability(snrs_db: Sequence[float], blers: Sequence[float]) -> float
     """``0.5 max(0, 1 - std(SNR)/10) + 0.5 max(0, 1 - 20 std(BLER))``; 0.5 below ten samples."""
     if len(snrs_db) < _WINDOW:
         return _DEFAULT
-    signal = max(0.0, 1 - pstdev(snrs_db) / 10)
+    signal = max(0.0, 1 - deviation(snrs_db) / 10)
     if len(blers) < _WINDOW:
         return signal
-    return 0.5 * signal + 0.5 * max(0.0, 1 - 20 * pstdev(blers))
+    return 0.5 * signal + 0.5 * max(0.0, 1 - 20 * deviation(blers))
 
 
 def reliability(blers: Sequence[float]) -> float:
@@ -141,4 +148,4 @@ def _rtt_stability(session: Session) -> float:
     rtts = session.of("rtt_ms").last(_WINDOW)
     if len(rtts) < _WINDOW:
         return _DEFAULT
-    return max(0.0, 1 - pstdev(rtts) / max(1.0, fmean(rtts)))
+    return max(0.0, 1 - deviation(rtts) / max(1.0, fmean(rtts)))

@@ -13,7 +13,7 @@ from simple_ros_engines.radio.carrier import RE_PER_PRB
 from simple_ros_engines.radio_information.history import Session
 from simple_ros_engines.radio_information.record import LinkRecord
 
-__all__ = ["ZONES", "interference_over_noise_db", "utilization", "zones"]
+__all__ = ["ZONES", "interference_over_noise_db", "own_share", "utilization", "zones"]
 
 THERMAL_DBM_PER_HZ = -173.8
 _SYMBOL_RES = 12
@@ -30,16 +30,27 @@ def utilization(session: Session, slots_per_s: float, n_prb: int) -> float | Non
         n_prb: Blocks of the carrier, if the record does not tell.
     """
     newest = session.newest
-    total = newest.get("prb_total") or n_prb
     used = newest.get("prb_cell_used")
     if used is None:
-        used = newest.get("prb_used")
+        return own_share(session, slots_per_s, n_prb)
+    return min(1.0, max(0.0, used / (newest.get("prb_total") or n_prb)))
+
+
+def own_share(session: Session, slots_per_s: float, n_prb: int) -> float | None:
+    """Share of the carrier's blocks that this link uses, 0..1; None if no source tells.
+
+    Args:
+        session: The link.
+        slots_per_s: Of the direction the counters are of.
+        n_prb: Blocks of the carrier, if the record does not tell.
+    """
+    used = session.newest.get("prb_used")
     if used is None:
         risen = session.delta("dl_rbs_total") or session.delta("ul_rbs_total")
         if risen is None:
             return None
         used = risen[0] / (risen[1] * slots_per_s)
-    return min(1.0, max(0.0, used / total))
+    return min(1.0, max(0.0, used / (session.newest.get("prb_total") or n_prb)))
 
 
 def interference_over_noise_db(

@@ -134,7 +134,7 @@ class SimulatedLink:
         loss = umi_loss_db(self._distance_m(), 3.5, line_of_sight=False)
         rsrp = settings.power_dbm - loss + self._shadow.moved(moved_m) - disturbance.loss_db
         mean_db = min(32.0, rsrp - settings.noise_dbm)
-        fast = draw.normal(0, settings.fast_sigma_db, settings.reports).tolist()
+        fast = self._fades_db()
         noise = draw.normal(0, settings.report_noise_db, settings.reports).tolist()
         lost, mcs = 0, 0
         for fade, error in zip(fast, noise, strict=True):
@@ -143,6 +143,20 @@ class SimulatedLink:
         reported = mean_db + (sum(fast) + sum(noise)) / settings.reports
         self.true_snr_db = mean_db - disturbance.hidden_db
         return self._record(rsrp, reported, mcs, lost / settings.blocks, disturbance)
+
+    def _fades_db(self) -> list[float]:
+        """What fading adds at each report of a sample."""
+        sigma, count = self.settings.fast_sigma_db, self.settings.reports
+        fades: list[float] = self._generator.normal(0, sigma, count).tolist()
+        return fades
+
+    def _granted(self) -> float:
+        """Share of the carrier's blocks in a sample, 0..1."""
+        settings, draw = self.settings, self._generator
+        if draw.random() < settings.period_s / 8:
+            # Another device comes or goes.
+            self._share = float(draw.uniform(0.3, 1.0))
+        return min(1.0, self._share * math.exp(float(draw.normal(0, settings.scheduler_sigma))))
 
     def _burst(self, mcs: int, snr_db: float) -> int:
         """Send the blocks of one report; how many are lost."""
@@ -155,12 +169,8 @@ class SimulatedLink:
         self, rsrp: float, snr: float, mcs: int, bler: float, disturbance: Disturbance
     ) -> LinkRecord:
         settings, draw = self.settings, self._generator
-        if draw.random() < settings.period_s / 8:
-            # Another device comes or goes.
-            self._share = float(draw.uniform(0.3, 1.0))
         efficiency = mcs_table(settings.table)[mcs].efficiency * (1 - bler)
-        granted = self._share * math.exp(float(draw.normal(0, settings.scheduler_sigma)))
-        prb = min(1.0, granted) * settings.carrier.n_prb
+        prb = self._granted() * settings.carrier.n_prb
         could_bps = settings.carrier.rate_bps(efficiency, prb)
         offered = settings.offered_bps * settings.period_s / 8
         sent = min(self._queue_bytes + offered, could_bps * settings.period_s / 8)

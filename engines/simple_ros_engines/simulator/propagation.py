@@ -131,12 +131,32 @@ class Fading:
             angles = generator.uniform(0, 2 * np.pi, self.waves)
             phases = generator.uniform(0, 2 * np.pi, self.waves)
             turns = 2 * np.pi * doppler_hz * np.cos(angles)
-            waves = np.exp(1j * (times_s[:, None] * turns[None, :] + phases))
-            gains[:, tap] = waves.sum(1) * math.sqrt(powers[tap] / self.waves)
+            sum_of_waves = _sum_of_waves(times_s, turns, phases)
+            gains[:, tap] = sum_of_waves * math.sqrt(powers[tap] / self.waves)
         offsets = (np.arange(self.subbands) / self.subbands - 0.5) * self.bandwidth_hz
         turn = np.exp(-2j * np.pi * delays[:, None] * offsets[None, :])
         power: Floats = np.abs(gains @ turn) ** 2
         return power
+
+
+def _sum_of_waves(times_s: Floats, turns: Floats, phases: Floats) -> NDArray[np.complex128]:
+    """Sum of ``exp(i (time turn + phase))`` over waves, by time."""
+    count = times_s.size
+    steps = np.diff(times_s)
+    if count < 64 or not np.allclose(steps, steps[0], rtol=1e-6, atol=0.0):
+        direct: NDArray[np.complex128] = np.exp(
+            1j * (times_s[:, None] * turns[None, :] + phases)
+        ).sum(1)
+        return direct
+    # On an even grid a time is a coarse and a fine part, and the sum over waves a matrix product.
+    fine = math.isqrt(count) + 1
+    step = (times_s[-1] - times_s[0]) / (count - 1)
+    starts = times_s[0] + np.arange(-(-count // fine)) * fine * step
+    coarse = np.exp(1j * (starts[:, None] * turns + phases))
+    product: NDArray[np.complex128] = (
+        coarse @ np.exp(1j * np.arange(fine)[:, None] * step * turns).T
+    )
+    return product.reshape(-1)[:count]
 
 
 def effective_snr_db(mean_snr_db: Floats, gains: Floats) -> Floats:

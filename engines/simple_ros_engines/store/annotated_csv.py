@@ -10,7 +10,14 @@ from datetime import UTC, datetime
 
 from simple_ros_engines.store.line_protocol import FieldValue
 
-__all__ = ["LastValue", "distinct_csv", "last_csv", "parse_last_csv"]
+__all__ = [
+    "LastValue",
+    "distinct_csv",
+    "last_csv",
+    "parse_distinct_csv",
+    "parse_last_csv",
+    "stamp_of_text",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +116,19 @@ _NOT_TAGS = {"", "result", "table", "_start", "_stop", "_time", "_value", "_fiel
 
 def parse_last_csv(text: str) -> Iterator[LastValue]:
     """The values of an answer to ``last()``; rows that have not what it takes are left out."""
+    for row, kinds in _rows(text):
+        value = _read(row, kinds.get("_value", "string"))
+        if value is not None:
+            yield value
+
+
+def parse_distinct_csv(text: str) -> Iterator[str]:
+    """The values of an answer to ``distinct()``."""
+    return (row["_value"] for row, _ in _rows(text) if row.get("_value"))
+
+
+def _rows(text: str) -> Iterator[tuple[dict[str, str], dict[str, str]]]:
+    """Rows and the types of their columns, by name."""
     types: list[str] = []
     header: list[str] = []
     for row in csv.reader(io.StringIO(text)):
@@ -119,15 +139,15 @@ def parse_last_csv(text: str) -> Iterator[LastValue]:
         elif not header:
             header = row
         else:
-            kinds = dict(zip(header, types, strict=False))
-            value = _read(dict(zip(header, row, strict=False)), kinds.get("_value", "string"))
-            if value is not None:
-                yield value
+            yield (
+                dict(zip(header, row, strict=False)),
+                dict(zip(header, types, strict=False)),
+            )
 
 
 def _read(row: Mapping[str, str], kind: str) -> LastValue | None:
     try:
-        stamp_ns = _stamp_ns(row["_time"])
+        stamp_ns = stamp_of_text(row["_time"])
         value = _parsed(row["_value"], kind)
         tags = {name: text for name, text in row.items() if name not in _NOT_TAGS}
         return LastValue(row["_measurement"], tags, row["_field"], value, stamp_ns)
@@ -143,7 +163,7 @@ def _parsed(text: str, kind: str) -> FieldValue:
     return text == "true" if kind == "boolean" else text
 
 
-def _stamp_ns(text: str) -> int:
+def stamp_of_text(text: str) -> int:
     """Nanoseconds of a time of RFC 3339; `datetime` knows no parts below microseconds."""
     whole, dot, rest = text.removesuffix("Z").partition(".")
     digits = rest[: len(rest) - len(rest.lstrip("0123456789"))] if dot else ""

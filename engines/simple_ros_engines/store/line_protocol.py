@@ -27,10 +27,12 @@ __all__ = [
 
 FieldValue = float | int | bool | str
 
-PRECISIONS_NS = {"ns": 1, "u": 1000, "us": 1000, "ms": 1_000_000, "s": 1_000_000_000}
+PRECISIONS_NS = {"ns": 1, "n": 1, "u": 1000, "us": 1000, "ms": 1_000_000, "s": 1_000_000_000}
 """Nanoseconds in a unit of time."""
 
 _LONGEST = 64 * 1024
+_LONGEST_INTEGER = 40
+_LATEST_NS = (1 << 63) - 1
 # Possessive where it repeats a character: what was read is never read again in another way. Not where it repeats
 # a group: early versions of CPython 3.11 match those wrongly, and each group begins with a sign of its own.
 _NAME = r"[^,= \\\n]*+(?:\\.[^,= \\\n]*+)*"
@@ -82,18 +84,16 @@ def parse_line(line: str, number: int = 1, unit_ns: int = 1) -> Point:
     """Check a line and cut it into parts.
 
     Raises:
-        BadLine: It is none, or longer than 64 KiB.
+        BadLine: It is none, is longer than 64 KiB, or its stamp is beyond 64 bits of nanoseconds.
     """
     found = _LINE.fullmatch(line) if len(line) <= _LONGEST else None
     if found is None or not found["measurement"]:
         raise BadLine(number, line)
-    stamp = found["stamp"]
-    return Point(
-        _plain(found["measurement"]),
-        found["tags"],
-        found["fields"],
-        None if stamp is None else int(stamp) * unit_ns,
-    )
+    text = found["stamp"]
+    stamp_ns = None if text is None else int(text[:_LONGEST_INTEGER]) * unit_ns
+    if stamp_ns is not None and abs(stamp_ns) > _LATEST_NS:
+        raise BadLine(number, line)
+    return Point(_plain(found["measurement"]), found["tags"], found["fields"], stamp_ns)
 
 
 def parse_lines(text: str, unit_ns: int = 1) -> Iterator[Point | BadLine]:
@@ -126,9 +126,9 @@ def _value(text: str) -> FieldValue:
         return _ESCAPE.sub(r"\1", text[1:-1])
     if text in _TRUE or text in _FALSE:
         return text in _TRUE
-    if text[-1] in "iu":
+    if text[-1] in "iu" and len(text) <= _LONGEST_INTEGER:
         return int(text[:-1].split(".")[0])
-    return float(text)
+    return float(text.rstrip("iu"))
 
 
 def _plain(text: str) -> str:
@@ -152,5 +152,5 @@ def flexric_line(text: str) -> str:
     rnti, stamp = values.pop("rnti", ""), values.pop("tstamp", "")
     fields = ",".join(f"{key}={value}" for key, value in values.items() if value)
     tag = f",rnti={rnti}" if rnti else ""
-    when = f" {int(stamp) * 1000}" if stamp.isdigit() else ""
+    when = f" {stamp}000" if stamp.isdigit() else ""
     return f"{name}{tag} {fields}{when}"

@@ -1,24 +1,29 @@
 """The store's network face: InfluxDB's HTTP writes and queries, and lines over UDP.
 
 ``POST /write`` and ``/api/v2/write`` take line protocol, ``POST /api/v2/query`` takes the Flux of
-`store.flux`, ``GET /ping`` and ``/health`` say that it lives. There is no access control: it listens on
-loopback unless told otherwise.
+`store.flux`, ``GET /ping`` and ``/health`` say that it lives, ``/query`` accepts ``CREATE DATABASE``, which
+writers of InfluxDB 1 begin with. There is no access control: it listens on loopback unless told otherwise.
 """
 
 from __future__ import annotations
 
 import asyncio
-import gzip
 import json
 import logging
 import time
-import zlib
-from dataclasses import dataclass, field
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 from simple_ros_engines.store.annotated_csv import distinct_csv, last_csv
 from simple_ros_engines.store.database import MetricsStore
 from simple_ros_engines.store.flux import BadFlux, parse_flux
+from simple_ros_engines.store.http import (
+    MAX_HEAD,
+    Answer,
+    Request,
+    framed,
+    read_request,
+    refused,
+)
 from simple_ros_engines.store.line_protocol import (
     PRECISIONS_NS,
     BadLine,
@@ -31,33 +36,9 @@ __all__ = ["StoreServer"]
 
 logger = logging.getLogger(__name__)
 
-_MAX_BODY = 25 * 1024 * 1024
-_MAX_HEAD = 32 * 1024
 _IDLE_S = 60.0
 _FLUSH_S = 0.2
-
-
-@dataclass(slots=True)
-class _Answer:
-    status: int
-    body: bytes = b""
-    content_type: str = "application/json; charset=utf-8"
-
-
-@dataclass(slots=True)
-class _Request:
-    method: str
-    path: str
-    query: dict[str, str]
-    headers: dict[str, str] = field(default_factory=dict)
-    body: bytes = b""
-
-
-_REASONS = {200: "OK", 204: "No Content", 400: "Bad Request", 404: "Not Found", 413: "Too Large"}
-
-
-def _refused(status: int, code: str, message: str) -> _Answer:
-    return _Answer(status, json.dumps({"code": code, "message": message}).encode())
+_CLOSE_S = 1.0
 
 
 class StoreServer:
@@ -77,7 +58,7 @@ class StoreServer:
         self._store = store
         self._server: asyncio.Server | None = None
         self._udp: asyncio.DatagramTransport | None = None
-        self._connections: set[asyncio.StreamWriter] = set()
+        self._connections: dict[asyncio.StreamWriter, asyncio.Task[None] | None] = {}
         self._flushing: asyncio.Task[None] | None = None
 
     async def start(
@@ -88,7 +69,7 @@ class StoreServer:
         Raises:
             OSError: A port is taken.
         """
-        self._server = await asyncio.start_server(self._connected, host, port, limit=_MAX_HEAD)
+        self._server = await asyncio.start_server(self._connected, host, port, limit=MAX_HEAD)
         if udp_port is not None:
             loop = asyncio.get_running_loop()
             try:
@@ -126,9 +107,16 @@ class StoreServer:
             self._udp.close()
         if self._server is not None:
             self._server.close()
-            for writer in list(self._connections):
-                writer.close()
+            await self._end_connections()
             await self._server.wait_closed()
+
+    async def _end_connections(self) -> None:
+        tasks = [task for task in self._connections.values() if task is not None]
+        for writer in tuple(self._connections):
+            writer.close()
+        if tasks:
+            # They end by themselves when their connection has; what is cancelled here leaves a traceback.
+            await asyncio.wait(tasks, timeout=_CLOSE_S)
 
     def take(self, text: str, unit_ns: int = 1) -> BadLine | None:
         """Take lines; the good ones count even if others are bad. Gives the first bad one."""
@@ -144,54 +132,65 @@ class StoreServer:
         return first
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._connections.add(writer)
+        self._connections[writer] = asyncio.current_task()
         try:
             while True:
                 async with asyncio.timeout(_IDLE_S):
-                    request = await _read(reader)
-                answer = request if isinstance(request, _Answer) else self._answer(request)
-                writer.write(_framed(answer))
+                    request = await read_request(reader, writer)
+                answer = request if isinstance(request, Answer) else self._answer(request)
+                writer.write(framed(answer))
                 await writer.drain()
-                if isinstance(request, _Answer):
+                if isinstance(request, Answer) or request.is_last:
                     break
         except (asyncio.IncompleteReadError, ConnectionError, TimeoutError):
             logger.debug("a client of the store left")
         finally:
-            self._connections.discard(writer)
+            self._connections.pop(writer, None)
             writer.close()
 
-    def _answer(self, request: _Request) -> _Answer:
+    def _answer(self, request: Request) -> Answer:
         match request.method, request.path:
             case "POST", "/write" | "/api/v2/write":
                 return self._write(request)
             case "POST", "/api/v2/query":
                 return self._query(request)
+            case "GET" | "POST", "/query":
+                return _statement(request)
             case "GET" | "HEAD", "/ping":
-                return _Answer(204)
+                return Answer(204)
             case "GET", "/health":
-                return _Answer(200, b'{"name":"simple-ros-store","status":"pass"}')
-        return _refused(404, "not found", f"there is no {request.method} {request.path}")
+                return Answer(200, b'{"name":"simple-ros-store","status":"pass"}')
+        return refused(404, "not found", f"there is no {request.method} {request.path}")
 
-    def _write(self, request: _Request) -> _Answer:
+    def _write(self, request: Request) -> Answer:
         unit = request.query.get("precision", "ns")
         if unit not in PRECISIONS_NS:
-            return _refused(400, "invalid", f"precision {unit!r} is none of {list(PRECISIONS_NS)}")
+            return refused(400, "invalid", f"precision {unit!r} is none of {list(PRECISIONS_NS)}")
         bad = self.take(request.body.decode("utf-8", "replace"), PRECISIONS_NS[unit])
-        return _Answer(204) if bad is None else _refused(400, "invalid", str(bad))
+        return Answer(204) if bad is None else refused(400, "invalid", str(bad))
 
-    def _query(self, request: _Request) -> _Answer:
+    def _query(self, request: Request) -> Answer:
         text = request.body.decode("utf-8", "replace")
         try:
             if request.headers.get("content-type", "").startswith("application/json"):
                 text = str(json.loads(text)["query"])
             query = parse_flux(text, time.time_ns())
         except (BadFlux, ValueError, KeyError, TypeError) as error:
-            return _refused(400, "invalid", f"query: {error}")
+            return refused(400, "invalid", f"query: {error}")
         if query.distinct is None:
             body = last_csv(self._store.last(query), query.start_ns, query.stop_ns)
         else:
             body = distinct_csv(query.distinct, self._store.distinct(query))
-        return _Answer(200, body.encode(), "text/csv; charset=utf-8")
+        return Answer(200, body.encode(), "text/csv; charset=utf-8")
+
+
+def _statement(request: Request) -> Answer:
+    """InfluxQL: only what writers begin with."""
+    form = {name: values[-1] for name, values in parse_qs(request.body.decode("latin-1")).items()}
+    text = request.query.get("q") or form.get("q", "")
+    if text.strip().upper().startswith("CREATE DATABASE"):
+        return Answer(200, b'{"results":[{"statement_id":0}]}')
+    return refused(400, "invalid", f"InfluxQL is not understood, Flux is: {text[:80]!r}")
 
 
 class _Lines(asyncio.DatagramProtocol):
@@ -208,46 +207,3 @@ class _Lines(asyncio.DatagramProtocol):
         if bad is not None and not self._told:
             self._told = True
             logger.warning("a datagram from %s has bad lines, dropped: %s", addr[0], bad)
-
-
-async def _read(reader: asyncio.StreamReader) -> _Request | _Answer:
-    try:
-        head = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1")
-    except asyncio.LimitOverrunError:
-        return _refused(413, "invalid", f"the head is over {_MAX_HEAD} bytes")
-    first, *lines = head[:-4].split("\r\n")
-    words = first.split(" ")
-    if len(words) != 3:
-        return _refused(400, "invalid", "that is no HTTP request")
-    pairs = (line.partition(":") for line in lines)
-    headers = {name.strip().lower(): value.strip() for name, _, value in pairs}
-    length = headers.get("content-length", "0")
-    if not length.isdigit() or int(length) > _MAX_BODY:
-        return _refused(413, "invalid", f"the body must have a length of at most {_MAX_BODY} bytes")
-    body = await reader.readexactly(int(length))
-    if headers.get("content-encoding") == "gzip":
-        unpacked = _unpacked(body)
-        if unpacked is None:
-            return _refused(400, "invalid", "the body is no gzip, or too large")
-        body = unpacked
-    target = urlsplit(words[1])
-    query = {name: values[-1] for name, values in parse_qs(target.query).items()}
-    return _Request(words[0], target.path, query, headers, body)
-
-
-def _unpacked(body: bytes) -> bytes | None:
-    unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
-    try:
-        data = unpacker.decompress(body, _MAX_BODY)
-    except (zlib.error, gzip.BadGzipFile):
-        return None
-    return None if unpacker.unconsumed_tail else data
-
-
-def _framed(answer: _Answer) -> bytes:
-    head = (
-        f"HTTP/1.1 {answer.status} {_REASONS[answer.status]}\r\n"
-        f"Content-Type: {answer.content_type}\r\nContent-Length: {len(answer.body)}\r\n"
-        "X-Influxdb-Version: 2.0-simple-ros\r\n\r\n"
-    )
-    return head.encode() + answer.body

@@ -6,15 +6,17 @@ one its parameter names, with its options.
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from simple_ros import plugins
 from simple_ros.errors import ConfigError
+from simple_ros.node import NodeHandle
 from simple_ros_engines.radio_information.record import LinkRecord
 
-__all__ = ["GROUP", "Emit", "MetricsSource", "SourceDown", "make_source"]
+__all__ = ["GROUP", "Emit", "MetricsSource", "SourceDown", "make_source", "options_with_defaults"]
 
 GROUP = "simple_ros.metrics_sources"
 Emit = Callable[[LinkRecord], None]
@@ -31,11 +33,33 @@ class MetricsSource(ABC):
         summary: What it reads, in one line.
         period_s: How often it gives a record of each link.
         malformed: What it was given and could not read.
+        live: Whether its records tell of the present; else their age means nothing.
+        may_be_silent: Whether no record at all is in order, as where there is no link.
     """
 
     summary: ClassVar[str]
     period_s: float = 1.0
     malformed: int = 0
+    live: bool = True
+    may_be_silent: bool = False
+
+    async def attach(self, node: NodeHandle) -> None:  # noqa: B027
+        """The engine's node, before `run`: for sources that talk to other nodes.
+
+        Args:
+            node: Started; closed by the engine's caller.
+        """
+
+    async def discover(self) -> frozenset[str] | None:
+        """Links heard of in the last minute, whether or not they say anything now.
+
+        Returns:
+            None if the source cannot tell more than its records do; it is then not asked again.
+
+        Raises:
+            SourceDown: Nothing comes at present.
+        """
+        return None
 
     @abstractmethod
     async def run(self, emit: Emit) -> None:
@@ -47,6 +71,26 @@ class MetricsSource(ABC):
         Raises:
             SourceDown: Nothing comes at present; the engine waits and calls again.
         """
+
+
+def options_with_defaults(name: str) -> dict[str, Any]:
+    """Options of a source that can be parameters, with their defaults; one that must be given has "".
+
+    Raises:
+        UnknownPlugin: No installed package offers it.
+        BrokenPlugin: It cannot be imported.
+    """
+    try:
+        signature = inspect.signature(plugins.load(GROUP, name))
+    except (TypeError, ValueError):
+        return {}
+    found = {}
+    for option in signature.parameters.values():
+        if option.kind in (option.POSITIONAL_OR_KEYWORD, option.KEYWORD_ONLY):
+            default = "" if option.default is option.empty else option.default
+            if isinstance(default, bool | int | float | str):
+                found[option.name] = default
+    return found
 
 
 def make_source(name: str, options: Mapping[str, Any]) -> MetricsSource:

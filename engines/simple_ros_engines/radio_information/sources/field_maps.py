@@ -14,7 +14,7 @@ from simple_ros_engines.radio_information.record import (
 )
 from simple_ros_engines.store.annotated_csv import LastValue
 
-__all__ = ["PRESETS", "FieldMap", "NewestPoints", "preset", "read_fields"]
+__all__ = ["PRESETS", "FieldMap", "NewestPoints", "RawPoint", "preset", "read_fields", "rnti_of"]
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,18 @@ PRESETS = {
             "dl_total_rbs": ("dl_rbs_total", 1.0, 0.0),
             "ul_total_rbs": ("ul_rbs_total", 1.0, 0.0),
             "estimated_ul_buffer": ("buffer_bytes", 1.0, 0.0),
+            "num_rsrp_meas": ("rsrp_samples", 1.0, 0.0),
+            **_same("dl_max_mcs", "dl_pdus_total"),
+            "sched_ul_bytes": ("ul_bytes_scheduled", 1.0, 0.0),
+            "num_total_bytes": ("sdu_bytes_total", 1.0, 0.0),
+            "dlsch_errors": ("dl_blocks_lost", 1.0, 0.0),
+            "ulsch_errors": ("ul_blocks_lost", 1.0, 0.0),
+            "dlsch_current_bytes": ("dl_bytes_slot", 1.0, 0.0),
+            "ulsch_current_bytes": ("ul_bytes_slot", 1.0, 0.0),
+            "dl_current_rbs": ("dl_rbs_slot", 1.0, 0.0),
+            "ul_current_rbs": ("ul_rbs_slot", 1.0, 0.0),
+            "dl_num_mac_sdu": ("dl_sdus_total", 1.0, 0.0),
+            "ul_num_mac_sdu": ("ul_sdus_total", 1.0, 0.0),
         },
     ),
     "srsran": FieldMap(
@@ -108,6 +120,14 @@ def preset(name: str) -> FieldMap:
     return PRESETS[name]
 
 
+def rnti_of(mapping: FieldMap, text: str) -> int | None:
+    """The RNTI that a tag says; None if it says none."""
+    text = text.strip()
+    if mapping.rnti_base != 16:
+        return parse_rnti(int(text)) if text.isdecimal() and len(text) <= 5 else None
+    return parse_rnti(text if text.lower().startswith("0x") else f"0x{text}")
+
+
 def read_fields(
     mapping: FieldMap,
     rnti_text: str,
@@ -116,10 +136,7 @@ def read_fields(
     raw: Mapping[str, object],
 ) -> LinkRecord | None:
     """The record of a point; None if its RNTI is none."""
-    text = rnti_text.strip()
-    if mapping.rnti_base == 16 and not text.lower().startswith("0x"):
-        text = f"0x{text}"
-    rnti = parse_rnti(text) if mapping.rnti_base == 16 else _decimal(text)
+    rnti = rnti_of(mapping, rnti_text)
     if rnti is None:
         return None
     values: dict[str, float | None] = {}
@@ -135,18 +152,29 @@ def read_fields(
     return record(link_id_of(rnti), stamp_ns, source, values, rnti=rnti, derived=derived)
 
 
-def _decimal(text: str) -> int | None:
-    return parse_rnti(int(text)) if text.isdigit() else None
-
-
 def _number(value: object) -> float | None:
     if isinstance(value, bool | int | float):
         return float(value)
     return None
 
 
+@dataclass(frozen=True, slots=True)
+class RawPoint:
+    """One device at one moment, in the words of its database.
+
+    Attributes:
+        rnti: Value of the tag that holds the RNTI.
+        stamp_ns: When.
+        fields: By raw name.
+    """
+
+    rnti: str
+    stamp_ns: int
+    fields: Mapping[str, object]
+
+
 class NewestPoints:
-    """Turns newest values of series into records, each point once.
+    """Turns newest points of devices into records, each point once.
 
     Args:
         mapping: How to read them.
@@ -158,8 +186,17 @@ class NewestPoints:
         self._source = source
         self._seen: dict[str, int] = {}
 
-    def fresh(self, values: Iterable[LastValue]) -> Iterator[LinkRecord | None]:
+    def fresh(self, points: Iterable[RawPoint]) -> Iterator[LinkRecord | None]:
         """Records of the points not seen before; None for a device whose RNTI is none."""
+        for point in points:
+            if self._seen.get(point.rnti, -1) != point.stamp_ns:
+                self._seen[point.rnti] = point.stamp_ns
+                yield read_fields(
+                    self._mapping, point.rnti, point.stamp_ns, self._source, point.fields
+                )
+
+    def of_values(self, values: Iterable[LastValue]) -> Iterator[LinkRecord | None]:
+        """The same from newest values of fields, of which those of the newest moment count."""
         series: dict[str, list[LastValue]] = {}
         for value in values:
             rnti = value.tags.get(self._mapping.rnti_tag)
@@ -167,8 +204,10 @@ class NewestPoints:
                 series.setdefault(rnti, []).append(value)
         for rnti, items in series.items():
             stamp_ns = max(item.stamp_ns for item in items)
-            if self._seen.get(rnti, -1) >= stamp_ns:
-                continue
-            self._seen[rnti] = stamp_ns
             raw = {item.name: item.value for item in items if item.stamp_ns == stamp_ns}
-            yield read_fields(self._mapping, rnti, stamp_ns, self._source, raw)
+            yield from self.fresh([RawPoint(rnti, stamp_ns, raw)])
+
+    def links(self, rntis: Iterable[str]) -> frozenset[str]:
+        """Keys of the links of devices; what is no RNTI is left out."""
+        found = (rnti_of(self._mapping, text) for text in rntis)
+        return frozenset(link_id_of(rnti) for rnti in found if rnti is not None)

@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
-import urllib.error
-import urllib.parse
-import urllib.request
 from typing import ClassVar
 
-from simple_ros.errors import ConfigError
-from simple_ros_engines.radio_information.sources.base import Emit, MetricsSource, SourceDown
-from simple_ros_engines.radio_information.sources.field_maps import (
-    NewestPoints,
-    preset,
-)
-from simple_ros_engines.store.annotated_csv import parse_last_csv
+from simple_ros_engines.radio_information.sources.base import Emit, MetricsSource
+from simple_ros_engines.radio_information.sources.field_maps import NewestPoints, preset
+from simple_ros_engines.radio_information.sources.http import HttpServer
+from simple_ros_engines.store.annotated_csv import parse_distinct_csv, parse_last_csv
 
-__all__ = ["Influx2Source", "flux_of_last"]
-
-_TIMEOUT_S = 5.0
-_MAX_ANSWER = 16 * 1024 * 1024
+__all__ = ["Influx2Source", "flux_of_devices", "flux_of_last"]
 
 
 class Influx2Source(MetricsSource):
@@ -50,20 +41,17 @@ class Influx2Source(MetricsSource):
         period_s: float = 0.2,
         window_s: float = 2.0,
     ) -> None:
-        if not url.startswith(("http://", "https://")):
-            raise ConfigError(f"url {url!r} is neither http:// nor https://")
         self.period_s = period_s
         mapping = preset(fields)
         name = measurement or mapping.measurement
         self._newest = NewestPoints(mapping, "influx2")
-        query = urllib.parse.urlencode({"org": org})
-        body = json.dumps({"query": flux_of_last(bucket, name, window_s), "type": "flux"}).encode()
+        self._last = _body(flux_of_last(bucket, name, window_s))
+        self._devices = _body(flux_of_devices(bucket, name, mapping.rnti_tag))
+        self._query = {"org": org}
         headers = {"Content-Type": "application/json", "Accept": "application/csv"}
         if token:
             headers["Authorization"] = f"Token {token}"
-        target = f"{url.rstrip('/')}/api/v2/query?{query}"
-        self._request = urllib.request.Request(target, body, headers, method="POST")  # noqa: S310
-        self._url = url
+        self._server = HttpServer(url, headers)
 
     async def run(self, emit: Emit) -> None:
         """Give each device's newest point once.
@@ -72,25 +60,26 @@ class Influx2Source(MetricsSource):
             SourceDown: The server does not answer, or refuses.
         """
         while True:
-            text = await asyncio.to_thread(self._ask)
-            for item in self._newest.fresh(parse_last_csv(text)):
+            text = await self._server.ask("/api/v2/query", self._query, self._last)
+            for item in self._newest.of_values(parse_last_csv(text)):
                 if item is None:
                     self.malformed += 1
                 else:
                     emit(item)
             await asyncio.sleep(self.period_s)
 
-    def _ask(self) -> str:
-        try:
-            with urllib.request.urlopen(self._request, timeout=_TIMEOUT_S) as answer:  # noqa: S310
-                data: bytes = answer.read(_MAX_ANSWER)
-        except urllib.error.HTTPError as error:
-            with error:
-                told = error.read(500).decode("utf-8", "replace")
-            raise SourceDown(f"{self._url} refuses the query ({error.code}): {told}") from error
-        except OSError as error:
-            raise SourceDown(f"{self._url} does not answer: {error}") from error
-        return data.decode("utf-8", "replace")
+    async def discover(self) -> frozenset[str]:
+        """Devices with a point in the last minute.
+
+        Raises:
+            SourceDown: The server does not answer, or refuses.
+        """
+        text = await self._server.ask("/api/v2/query", self._query, self._devices)
+        return self._newest.links(parse_distinct_csv(text))
+
+
+def _body(flux: str) -> bytes:
+    return json.dumps({"query": flux, "type": "flux"}).encode()
 
 
 def flux_of_last(bucket: str, measurement: str, window_s: float) -> str:
@@ -98,6 +87,15 @@ def flux_of_last(bucket: str, measurement: str, window_s: float) -> str:
     return (
         f"from(bucket: {_quoted(bucket)}) |> range(start: -{max(1, round(1000 * window_s))}ms)"
         f" |> filter(fn: (r) => r._measurement == {_quoted(measurement)}) |> last()"
+    )
+
+
+def flux_of_devices(bucket: str, measurement: str, tag: str) -> str:
+    """The query for the devices of the last minute."""
+    return (
+        f"from(bucket: {_quoted(bucket)}) |> range(start: -1m)"
+        f" |> filter(fn: (r) => r._measurement == {_quoted(measurement)})"
+        f" |> group(columns: [{_quoted(tag)}]) |> distinct(column: {_quoted(tag)})"
     )
 
 

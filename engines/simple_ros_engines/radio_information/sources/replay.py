@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from simple_ros.errors import ConfigError
 from simple_ros_engines.radio_information.record import LinkRecord
-from simple_ros_engines.radio_information.sources.base import Emit, MetricsSource
+from simple_ros_engines.radio_information.sources.base import Emit, MetricsSource, SourceDown
 from simple_ros_engines.radio_information.sources.record_json import BadRecord, from_json
 
 __all__ = ["ReplaySource"]
@@ -37,6 +37,7 @@ class ReplaySource(MetricsSource):
         self._restamp = restamp
         self._loop = loop
         self.period_s = 0.1
+        self.live = restamp
 
     async def run(self, emit: Emit) -> None:
         """Give the records.
@@ -55,7 +56,7 @@ class ReplaySource(MetricsSource):
         try:
             text = self._path.read_text(encoding="utf-8", errors="replace")
         except OSError as error:
-            raise ConfigError(f"{self._path} cannot be read: {error.strerror}") from error
+            raise SourceDown(f"{self._path} cannot be read: {error.strerror}") from error
         for line in text.splitlines():
             if line.strip():
                 try:

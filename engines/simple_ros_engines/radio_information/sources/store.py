@@ -50,6 +50,8 @@ class StoreSource(MetricsSource):
         self._path = path
         self._retention_s = retention_s
         self._newest = NewestPoints(mapping, "store")
+        self._tag = mapping.rnti_tag
+        self._store: MetricsStore | None = None
 
     async def run(self, emit: Emit) -> None:
         """Serve, and give each series' newest point once.
@@ -65,13 +67,13 @@ class StoreSource(MetricsSource):
         except OSError as error:
             store.close()
             raise SourceDown(f"the store cannot listen on {host}:{port}: {error}") from error
-        self.server = server
+        self.server, self._store = server, store
         try:
             while True:
                 self._look(store, emit)
                 await asyncio.sleep(self.period_s)
         finally:
-            self.server = None
+            self.server = self._store = None
             await server.close()
             store.close()
 
@@ -80,8 +82,17 @@ class StoreSource(MetricsSource):
         # Two periods back, but a gNB that writes once a second must not fall between.
         back_ns = int(max(2 * self.period_s, 1.0) * 1e9)
         query = FluxQuery("", now_ns - back_ns, now_ns + 1, {"_measurement": self._measurement})
-        for item in self._newest.fresh(store.last(query)):
+        for item in self._newest.of_values(store.last(query)):
             if item is None:
                 self.malformed += 1
             else:
                 emit(item)
+
+    async def discover(self) -> frozenset[str]:
+        """Devices with a point in the last minute."""
+        if self._store is None:
+            return frozenset()
+        now_ns = time.time_ns()
+        equals = {"_measurement": self._measurement}
+        query = FluxQuery("", now_ns - 60 * 10**9, now_ns + 1, equals, self._tag)
+        return self._newest.links(self._store.distinct(query))

@@ -20,8 +20,6 @@ from simple_ros_engines.radio_information.sources.wifi_text import (
 
 __all__ = ["WifiSource"]
 
-_PROC = Path("/proc/net/wireless")
-
 
 class WifiSource(MetricsSource):
     """Stations of one interface.
@@ -29,15 +27,19 @@ class WifiSource(MetricsSource):
     Args:
         interface: Such as ``wlan0``.
         period_s: Between looks.
+        proc: What is read where there is no ``iw``.
     """
 
     summary: ClassVar[str] = "Wi-Fi stations by iw or /proc/net/wireless (never run on hardware)"
 
-    def __init__(self, interface: str = "wlan0", period_s: float = 0.5) -> None:
+    def __init__(
+        self, interface: str = "wlan0", period_s: float = 0.5, proc: str = "/proc/net/wireless"
+    ) -> None:
         if not re.fullmatch(r"[\w.@-]{1,15}", interface):
             raise ConfigError(f"{interface!r} is no name of an interface")
         self.period_s = period_s
         self._interface = interface
+        self._proc = Path(proc)
         self._before: dict[str, tuple[int, int]] = {}
 
     async def run(self, emit: Emit) -> None:
@@ -62,9 +64,9 @@ class WifiSource(MetricsSource):
 
     def _from_proc(self) -> list[LinkRecord]:
         try:
-            text = _PROC.read_text(encoding="ascii", errors="replace")
+            text = self._proc.read_text(encoding="ascii", errors="replace")
         except OSError as error:
-            raise SourceDown(f"neither iw nor {_PROC} tell of {self._interface}") from error
+            raise SourceDown(f"neither iw nor {self._proc} tell of {self._interface}") from error
         records = parse_proc_wireless(text, time.time_ns())
         found = [item for item in records if item.link_id == self._interface]
         if not found:
