@@ -1,154 +1,244 @@
-"""All measurements of the core, in one command: ``python benchmarks/run.py [NAME ...]``.
+"""All measurements, in one command: ``python benchmarks/run.py [NAME ...]``.
 
-``small``    small messages flat out, zero loss: ours beside bare asyncio programs, interleaved
-``blocking`` the same through the blocking face, beside the asyncio face
-``latency``  one-way latency at 1 kHz, the same way
-``scale``    200 nodes and 2,000 topics on one Master
-``services`` calls of a service, beside other middleware that is installed (see ``services.py``)
-``rest``     CPU of an idle node and of a 100 Hz publisher, user+system of the whole process, 60 s
+``latency``   one-way latency at 1 kHz                     ``calls``  calls of a service
+``small``     small messages flat out                      ``rest``   CPU and memory when little happens
+``mib``       1 MiB flat out                               ``start``  import times
+``mib30``     1 MiB at 30 Hz (only when named)             ``scale``  one Master with 2,000 topics
+``image30``   6.2 MB (1080p) at 30 Hz
+``fanout``    one publisher, 8 subscriber processes
 
-Only ratios travel between machines; absolute figures are medians of ``--runs`` rounds (5 unless
-said) with the bare baseline beside them.
+Ours, bare programs as limits, and every rival that ``benchmarks/peers_install.py`` has installed, take turns in one
+interleaved run; those that are not installed are listed with the reason. Each round runs everybody once and
+begins with another. Figures are medians of the rounds, ratios those of ours and theirs in the same round. Only
+ratios travel between machines.
 """
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import json
-import statistics
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
-import harness
+import plots
 import rest
 import scale
-import services
+import tables
+from rivals_table import rival_callers, rivals, servers, versions
 
-STOCK_CPP_PER_SECOND = 900
-"""Stock C++ simple_ros: one message, then 1 ms of sleep, so never more, on any machine."""
-KINDS = ["ours", "unix", "bare", "tuned"]
+from simple_ros.benchmark.calling import OWN_CALLERS, Caller, one_call_run
+from simple_ros.benchmark.calls import Calls
+from simple_ros.benchmark.machine import machine_facts
+from simple_ros.benchmark.peers import LIMITS, OURS, Peer
+from simple_ros.benchmark.results import (
+    call_table,
+    first_message_table,
+    noisy_lines,
+    traffic_table,
+)
+from simple_ros.benchmark.running import Failure, RunFailed, master, one_run
+from simple_ros.benchmark.workloads import WORKLOADS, Workload
+
+BASELINE = "buffered"
+TRAFFIC = ["latency", "small", "mib", "image30", "fanout"]
+SINGLE = {"rest": rest.measure_all, "start": rest.measure_start, "scale": scale.measure_all}
+DEFAULT = [*TRAFFIC, "calls", *SINGLE]
+PLACES = {"free": (), "apart": (0, 1), "together": (0, 0)}
+ONLY_WHEN_NAMED = {"rclpy_jazzy"}
 
 
-def small(runs: int) -> dict[str, Any]:
-    results = harness.interleaved(KINDS, runs, count=300_000)
-    rates = {kind: harness.median(results[kind], "per_second") for kind in KINDS}
-    table = [f"  {kind:<8}{rates[kind]:>12,.0f} msg/s" for kind in KINDS]
-    ratios = {
-        kind: harness.paired_ratio(results["ours"], results[kind], "per_second")
-        for kind in ("bare", "tuned")
+class Run:
+    """One interleaved run."""
+
+    def __init__(self, args: argparse.Namespace, peers: list[Peer], callers: list[Caller]) -> None:
+        self.rounds: int = args.rounds
+        self.workloads = [
+            WORKLOADS[name].shortened(args.fraction) for name in args.names if name in WORKLOADS
+        ]
+        self.peers = [peer for peer in peers if not peer.missing]
+        self.callers = [caller for caller in callers if not caller.missing]
+        self.calls = Calls() if "calls" in args.names else None
+        self.cores = PLACES[args.place]
+        self.found: dict[tuple[str, str], list[dict[str, float] | None]] = {}
+        self.failures: list[Failure] = []
+
+    def plan(self) -> list[tuple[str, Peer | Caller, Workload | None]]:
+        """What a round consists of."""
+        planned: list[tuple[str, Peer | Caller, Workload | None]] = [
+            (workload.name, peer, workload)
+            for workload in self.workloads
+            for peer in self.peers
+            if peer.takes(workload.name)
+        ]
+        if self.calls is not None:
+            planned += [("calls", caller, None) for caller in self.callers]
+        return planned
+
+    async def go(self) -> None:
+        plan = self.plan()
+        wanted = {service for _, peer, _ in plan for service in peer.services}
+        async with servers(wanted) as others, master() as address:
+            services = others | {"master": address}
+            for number in range(self.rounds):
+                # Each workload stays together, so that the peers of one are near in time; who begins changes.
+                for name in dict.fromkeys(name for name, _, _ in plan):
+                    turn = [item for item in plan if item[0] == name]
+                    shift = number * len(turn) // self.rounds
+                    for _, peer, workload in [*turn[shift:], *turn[:shift]]:
+                        progress(f"round {number + 1} of {self.rounds}: {name}, {peer.name}")
+                        await self._one(name, peer, workload, services)
+        progress("")
+
+    async def _one(
+        self, name: str, peer: Peer | Caller, workload: Workload | None, services: dict[str, str]
+    ) -> None:
+        outcomes = self.found.setdefault((name, peer.name), [])
+        outcome = None
+        if outcomes.count(None) < 2:  # who failed twice is asked no more
+            try:
+                if isinstance(peer, Caller):
+                    assert self.calls is not None
+                    outcome = await one_call_run(peer, self.calls, services, self.cores)
+                else:
+                    assert workload is not None
+                    outcome = await one_run(peer, workload, services)
+            except RunFailed as error:
+                self.failures.append(Failure(peer.name, name, str(error)))
+        outcomes.append(outcome)
+
+    def tables(self) -> dict[str, Any]:
+        made: dict[str, Any] = {}
+        for workload in self.workloads:
+            peers = [peer for peer in self.peers if peer.takes(workload.name)]
+            found = {peer.name: self.found[workload.name, peer.name] for peer in peers}
+            made[workload.name] = traffic_table(workload, peers, found, "ours", BASELINE)
+            if workload.name == "latency":
+                made["first"] = first_message_table(peers, found, "ours", BASELINE)
+        if self.calls is not None:
+            whats = {caller.name: (_group(caller), caller.what) for caller in self.callers}
+            found = {name: self.found["calls", name] for name in whats}
+            for measure in ("sequential_p50_us", "pipelined_per_second"):
+                made[f"calls_{measure}"] = call_table(measure, whats, found, "ours")
+        return made
+
+
+def _group(caller: Caller) -> str:
+    if caller.name not in OWN_CALLERS:
+        return "rival"
+    return "limit" if caller.name == "bare" else "ours"
+
+
+def progress(text: str) -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r\x1b[K{text}")
+        sys.stderr.flush()
+    elif text:
+        print(text, file=sys.stderr, flush=True)
+
+
+def chosen(everybody: dict[str, Any], args: argparse.Namespace) -> list[Any]:
+    """Those that were asked for; ours and the baseline always, since the others are compared with them."""
+    if args.peers:
+        kept = {"ours", BASELINE, "bare", *args.peers}
+    else:
+        kept = set(everybody) - ONLY_WHEN_NAMED
+    return [peer for name, peer in everybody.items() if name in kept - set(args.without)]
+
+
+def measure(args: argparse.Namespace) -> dict[str, Any]:
+    everybody = OURS | LIMITS | rivals()
+    callers = OWN_CALLERS | rival_callers()
+    unknown = {*args.peers, *args.without} - set(everybody) - set(callers)
+    if unknown:
+        raise SystemExit(f"no such peer: {', '.join(unknown)}; --list shows them")
+    begun = time.monotonic()
+    peers, asked = chosen(everybody, args), chosen(callers, args)
+    document: dict[str, Any] = {
+        "machine": machine_facts(),
+        "rounds": args.rounds,
+        "rivals": versions(),
+        "missing": {
+            peer.name: peer.missing
+            for peer in {p.name: p for p in [*peers, *asked]}.values()
+            if peer.missing
+        },
     }
-    times = rates["ours"] / STOCK_CPP_PER_SECOND
-    table += [
-        f"  ours / bare asyncio         {_shown(ratios['bare'])}   bar: >= 0.6",
-        f"  ours / tuned asyncio        {_shown(ratios['tuned'])}",
-        f"  ours / stock C++ (900/s)    {times:.0f}   bar: >= 100",
+    run = Run(args, peers, asked)
+    asyncio.run(run.go())
+    document["tables"] = run.tables()
+    document["failures"] = [
+        {"peer": failure.peer, "workload": failure.workload, "reason": failure.reason}
+        for failure in run.failures
     ]
-    return {"table": table, "rates": rates, "ratios": ratios, "times_stock_cpp": times}
+    document["warnings"] = noisy_lines(document["tables"], document["machine"], args.rounds)
+    for name in args.names:
+        if name in SINGLE:
+            progress(name)
+            document[name] = SINGLE[name](args.seconds, run.peers)
+    progress("")
+    document["bars"] = tables.bars(document)
+    document["took_s"] = round(time.monotonic() - begun)
+    return document
 
 
-def blocking(runs: int) -> dict[str, Any]:
-    kinds = ["ours", "blocking"]
-    results = harness.interleaved(kinds, runs, count=300_000)
-    rates = {kind: harness.median(results[kind], "per_second") for kind in kinds}
-    ratio = harness.paired_ratio(results["blocking"], results["ours"], "per_second")
-    table = [f"  {kind:<10}{rates[kind]:>12,.0f} msg/s" for kind in kinds]
-    table.append(f"  blocking / asyncio face     {_shown(ratio)}   bar: >= 0.7")
-    return {"table": table, "rates": rates, "ratio": ratio}
-
-
-def latency(runs: int) -> dict[str, Any]:
-    results = harness.interleaved(KINDS, runs, count=5_000, rate=1000)
-    table = []
-    medians: dict[str, Any] = {}
-    for kind in KINDS:
-        medians[kind] = {
-            field: harness.median(results[kind], field) for field in ("p50_us", "p95_us", "p99_us")
-        }
-        table.append(
-            f"  {kind:<8}p50 {medians[kind]['p50_us']:6.0f}  p95 {medians[kind]['p95_us']:6.0f}"
-            f"  p99 {medians[kind]['p99_us']:6.0f} us"
+def listed() -> None:
+    for name, peer in (OURS | LIMITS | rivals()).items():
+        print(
+            f"{name:<16}{peer.group:<7}{peer.what}{f'  [{peer.missing}]' if peer.missing else ''}"
         )
-    ratios = {
-        kind: harness.paired_ratio(results["ours"], results[kind], "p50_us")
-        for kind in ("bare", "tuned")
-    }
-    table += [
-        f"  ours / bare asyncio p50     {_shown(ratios['bare'])}   bar: <= 2",
-        f"  ours / tuned asyncio p50    {_shown(ratios['tuned'])}",
-    ]
-    return {"table": table, "medians": medians, "ratios": ratios}
-
-
-def _shown(ratio: tuple[float, float, float]) -> str:
-    least, middle, most = ratio
-    return f"{middle:5.2f} ({least:.2f} to {most:.2f})"
-
-
-def scaled(runs: int) -> dict[str, Any]:
-    rounds = [scale.measure() for _ in range(runs)]
-    merged = {field: statistics.median(one[field] for one in rounds) for field in rounds[0]}
-    table = [
-        (
-            f"  registration, first 200 of {merged['registrations']:,.0f}  "
-            f"{merged['first_us']:7.0f} us each"
-        ),
-        f"  registration, last 200          {merged['last_us']:7.0f} us each",
-        f"  last / first                    {merged['growth']:7.2f}   bar: flat",
-        (
-            f"  subscribe call to target known  {merged['push_p50_ms']:7.2f} ms p50, "
-            f"{merged['push_p99_ms']:.2f} ms p99"
-        ),
-        (
-            f"  Master memory                   {merged['rss_start_mb']:7.1f} MB empty, "
-            f"{merged['rss_full_mb']:.1f} MB full"
-        ),
-    ]
-    return {"table": table, **merged}
-
-
-def at_rest(runs: int) -> dict[str, Any]:
-    rounds = [rest.measure(60.0) for _ in range(max(1, runs // 5))]
-    merged = {field: statistics.median(one[field] for one in rounds) for field in rounds[0]}
-    table = [
-        f"  idle node          {merged['idle_percent']:6.3f} % of a core   bar: < 0.2",
-        f"  100 Hz publisher   {merged['publisher_percent']:6.3f} % of a core   bar: < 2",
-        f"  100 Hz, bare loop  {merged['bare_percent']:6.3f} % of a core   (asyncio.sleep, sendall)",
-        f"  Master             {merged['master_percent']:6.3f} % of a core",
-        f"  idle node memory   {merged['idle_rss_mb']:6.1f} MB",
-    ]
-    return {"table": table, **merged}
-
-
-BENCHMARKS = {
-    "small": small,
-    "blocking": blocking,
-    "latency": latency,
-    "scale": scaled,
-    "services": services.measure,
-    "rest": at_rest,
-}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("names", nargs="*", default=[], metavar="NAME", help="default: all")
-    parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument("--json", type=Path)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="default: all but mib30")
+    parser.add_argument("--rounds", type=int, default=3, help="default: 3; 5 for figures to keep")
+    parser.add_argument("--peers", nargs="*", default=[], metavar="PEER", help="only these")
+    parser.add_argument("--without", nargs="*", default=[], metavar="PEER", help="all but these")
+    parser.add_argument("--fraction", type=float, default=1.0, help="of the messages")
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, help="how long 'rest' looks; 60 to keep"
+    )
+    parser.add_argument(
+        "--place",
+        choices=PLACES,
+        default="free",
+        help="the processes of 'calls': a core each, one core, or free",
+    )
+    parser.add_argument("--json", type=Path, help="write everything here")
+    parser.add_argument("--from-json", type=Path, help="measure nothing, show this file")
+    parser.add_argument("--markdown", type=Path, help="write the tables here")
+    parser.add_argument("--plots", type=Path, metavar="DIRECTORY", help="write SVG plots here")
+    parser.add_argument(
+        "--docs", type=Path, metavar="PAGE", help="put tables and plots into docs/benchmarks.md"
+    )
+    parser.add_argument("--list", action="store_true", help="list the peers and end")
     args = parser.parse_args()
-    unknown = [name for name in args.names if name not in BENCHMARKS]
+    if args.list:
+        listed()
+        return
+    args.names = args.names or DEFAULT
+    unknown = set(args.names) - {*WORKLOADS, "calls", *SINGLE}
     if unknown:
-        parser.error(f"unknown: {', '.join(unknown)}; there are {', '.join(BENCHMARKS)}")
-    results: dict[str, Any] = {"machine": harness.machine(), "runs": args.runs}
-    print(results["machine"])
-    for name in args.names or BENCHMARKS:
-        results[name] = BENCHMARKS[name](args.runs)
-        print(f"{name}:", *results[name].pop("table"), sep="\n", flush=True)
+        parser.error(f"unknown: {', '.join(unknown)}")
+    document = json.loads(args.from_json.read_text()) if args.from_json else measure(args)
+    text = tables.markdown(document)
+    print(text)
     if args.json:
-        args.json.write_text(json.dumps(results, indent=2) + "\n")
-        print(f"written: {args.json}", file=sys.stderr)
+        args.json.write_text(json.dumps(document, indent=1) + "\n")
+    if args.markdown:
+        args.markdown.write_text(text + "\n")
+    if args.plots:
+        plots.write(document, args.plots)
+    if args.docs:
+        written = plots.write(document, args.docs.parent / "plots")
+        images = {path.stem: f"plots/{path.name}" for path in written}
+        page = tables.into_page(args.docs.read_text(), document, images)
+        args.docs.write_text(page)
 
 
 if __name__ == "__main__":
