@@ -11,6 +11,7 @@ from simple_ros.arguments import use_environment_only
 from simple_ros.cli import (
     action,
     bag,
+    bench,
     demo,
     diag,
     doctor,
@@ -46,6 +47,7 @@ app.command("diag")(diag.command)
 app.command("launch")(launch.command)
 app.command("foxglove")(foxglove.command)
 app.command("doctor")(doctor.command)
+app.command("bench")(bench.command)
 app.add_typer(demo.app, name="demo")
 app.add_typer(bag.app, name="bag")
 app.add_typer(node.app, name="node")
