@@ -2,7 +2,8 @@
 
 A message is serialised once, whatever the number of subscribers. A message that comes alone is sent
 at once. Those that follow it within 0.1 ms are a burst: they are joined and sent together when the
-present tick of the event loop ends, or earlier, when 64 of them or one of more than 1 KiB have gathered. So a single
+present tick of the event loop ends, or earlier, when 64 of them (up to 256, for several links) or one of more than
+1 KiB have gathered. So a single
 message is never delayed, a burst costs one system call, and a slow publisher costs no extra tick.
 """
 
@@ -23,6 +24,7 @@ from simple_ros.codecs import Codec
 from simple_ros.errors import HandleClosed, MessageTooLarge, QueueFull
 from simple_ros.events import DeadlineMissed, IncompatibleQos, QosEvent, QosEventCallback
 from simple_ros.links import Link, SubscriberLinks
+from simple_ros.names import MAX_NAME_BYTES
 from simple_ros.net.memory import LARGE_BYTES, keep_large_blocks
 from simple_ros.net.transport import InProcess, Transport
 from simple_ros.qos import Durability, QosProfile
@@ -45,6 +47,8 @@ _monotonic = time.monotonic
 _get_ident = threading.get_ident
 _BATCH_MESSAGES = 64
 _SMALL_BYTES = 1024
+_MOST_TOGETHER = 256
+_FRAME_BYTES = _SMALL_BYTES + 4 + 2 * (2 + MAX_NAME_BYTES)
 _LARGE_BYTES = 64 * 1024
 _BURST_S = 100e-6
 
@@ -120,6 +124,7 @@ class Publisher(Generic[MessageT]):
         self._ticking = False
         self._sent_at = 0.0
         self._is_plain = False
+        self._together = _BATCH_MESSAGES
         self._bursts = False
         self._size = -1
         self._prefix = b""
@@ -155,7 +160,7 @@ class Publisher(Generic[MessageT]):
                 batch.append(
                     (self._prefix if size == self._size else self._prefixed(size)) + payload
                 )
-                if len(batch) >= _BATCH_MESSAGES:
+                if len(batch) >= self._together:
                     self._send_batch()
                 return
             self.publish_bytes(payload)
@@ -210,7 +215,7 @@ class Publisher(Generic[MessageT]):
                 batch.append(
                     (self._prefix if size == self._size else self._prefixed(size)) + payload
                 )
-                if len(batch) >= _BATCH_MESSAGES:
+                if len(batch) >= self._together:
                     self._send_batch()
                     # Give everybody else a turn.
                     await asyncio.sleep(0)
@@ -244,10 +249,14 @@ class Publisher(Generic[MessageT]):
         header, pack = spelling.header, _pack_u32
         frames = [header + pack(len(payload)) + payload for payload in payloads]
         joined = b"".join(frames)
+        if self._blocks and not self._links.have_room(len(joined), len(frames)):
+            return False
         self._published += len(frames)
         expires_at = self._expiry()
         for link in spelling.links:
             link.send(frames, joined, expires_at)
+        if self._blocks:
+            self._reconsider()
         return True
 
     async def publish_bytes_async(self, payload: bytes) -> None:
@@ -295,11 +304,11 @@ class Publisher(Generic[MessageT]):
             self._send_large((payload,), size)
             return True
         if not self._ticking:
-            now = _monotonic()
-            if now - self._sent_at > _BURST_S:
-                self._sent_at = now
+            if _monotonic() - self._sent_at > _BURST_S:
                 self._published += 1
                 self._send_now(payload)
+                # Afterwards: to many links, sending alone takes longer than a burst may pause.
+                self._sent_at = _monotonic()
                 return False
             self._ticking = True
             self._bursts = self._is_plain
@@ -307,7 +316,7 @@ class Publisher(Generic[MessageT]):
         for spelling in self._links.spellings:
             spelling.batch.append(spelling.header + _pack_u32(size) + payload)
         waiting = self._links.spellings[0].batch
-        if len(waiting) >= _BATCH_MESSAGES or size > _SMALL_BYTES:
+        if len(waiting) >= self._together or size > _SMALL_BYTES:
             self._send_batch()
             return True
         return False
@@ -339,6 +348,8 @@ class Publisher(Generic[MessageT]):
             frame = (spelling.header + _pack_u32(size), *parts)
             for link in spelling.links:
                 link.send_parts(frame, expires_at)
+        if self._blocks:
+            self._reconsider()
 
     def _check_thread(self) -> None:
         if _get_ident() != self._thread:
@@ -353,6 +364,8 @@ class Publisher(Generic[MessageT]):
             frames = (frame,)
             for link in spelling.links:
                 link.send(frames, frame, expires_at)
+        if self._blocks:
+            self._reconsider()
 
     def _end_tick(self) -> None:
         self._ticking = self._bursts = False
@@ -370,6 +383,9 @@ class Publisher(Generic[MessageT]):
             joined = b"".join(frames)
             for link in spelling.links:
                 link.send(frames, joined, expires_at)
+        self._sent_at = _monotonic()
+        if self._blocks:
+            self._reconsider()
 
     def _expiry(self) -> float:
         return self._lifespan if self._lifespan == math.inf else self._loop.time() + self._lifespan
@@ -467,11 +483,14 @@ class Publisher(Generic[MessageT]):
     def _reconsider(self) -> None:
         """Whether the next message of a burst needs nothing but to be appended to the batch."""
         spellings = self._links.spellings
+        links = sum(len(spelling.links) for spelling in spellings)
+        # A system call for each link is what a batch costs: the more links, the more messages share it.
+        together = self._together = min(_BATCH_MESSAGES * max(1, links), _MOST_TOGETHER)
         self._is_plain = (
             len(spellings) == 1
             and not (self._closed or self._latches or self._deadline or self._links.references)
             and self._part is None
-            and (not self._blocks or all(link.takes_any for link in spellings[0].links))
+            and (not self._blocks or self._links.have_room(together * _FRAME_BYTES, together))
         )
         self._size = -1
         self._bursts = self._is_plain and self._ticking

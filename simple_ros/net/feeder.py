@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Protocol
 
 from simple_ros.wire.framing import Run
@@ -80,15 +80,13 @@ class Feeder:
         """Whether messages wait for room."""
         return self._stalled
 
-    def feed(self, runs: list[Run]) -> None:
+    def feed(self, runs: Iterable[Run]) -> None:
         """Deliver; what does not fit now is delivered later, with the link stalled meanwhile."""
-        if self._stalled:
-            self._backlog.extend(runs)
-            return
-        for index, run in enumerate(runs):
-            if not self._deliver(run, force=False):
-                self._backlog.extend(runs[index + 1 :])
-                return
+        for run in runs:
+            if self._stalled:
+                self._backlog.append(run)
+            else:
+                self._deliver(run, force=False)
 
     def _deliver(self, run: Run, *, force: bool) -> bool:
         """Deliver one run whole; False if the rest of it is now first in the backlog."""

@@ -96,8 +96,7 @@ class OutboundLink(asyncio.Protocol):
         if self._closed:
             return
         self._idle.clear()
-        for frame in frames:
-            self.queue.push(frame, len(frame), expires_at)
+        self.queue.push_all(frames, map(len, frames), expires_at)
 
     def send_parts(self, parts: tuple[Any, ...], expires_at: float = math.inf) -> None:
         """Send or queue one large frame, given as several buffers."""
@@ -110,11 +109,6 @@ class OutboundLink(asyncio.Protocol):
         else:
             joined = b"".join(parts)
             self.send((joined,), joined, expires_at)
-
-    @property
-    def takes_any(self) -> bool:
-        """Whether everything goes straight to the network for now."""
-        return self._direct
 
     def has_room(self, size: int, count: int = 1) -> bool:
         """Whether ``count`` messages of ``size`` bytes in all can go with none given up."""

@@ -56,13 +56,10 @@ class InboundLink(asyncio.BufferedProtocol):
     def buffer_updated(self, nbytes: int) -> None:
         if nbytes >= LARGE_BYTES // 4:
             keep_large_blocks()
-        runs = self._decoder.received(nbytes)
-        if runs:
-            slots = self.slots
-            if slots is None:
-                self._feeder.feed(runs)
-            else:
-                self._feed_with_slots(runs, slots)
+        if self.slots is None:
+            self._feeder.feed(self._decoder.runs(nbytes))
+        else:
+            self._feed_with_slots(self._decoder.received(nbytes), self.slots)
         if self._decoder.error is not None:
             self._refuse(self._decoder.error)
 

@@ -17,6 +17,7 @@ a payload. Measured, that is what makes receiving small messages cheap.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from struct import Struct
 from typing import NamedTuple
 
@@ -55,6 +56,7 @@ _FIRST_BUFFER = 16 * 1024
 _SMALL_BUFFER = 256 * 1024
 LENT_BYTES = 64 * 1024
 """Payloads of this size on stay valid as long as anybody holds a view of them."""
+_RUN_BYTES = 16 * 1024
 _KEPT_BUFFER = 16 * 1024 * 1024
 _MOST_RETIRED = 4
 
@@ -179,20 +181,33 @@ class FrameDecoder:
 
     def received(self, size: int) -> list[Run]:
         """Say that ``size`` bytes were written to `get_buffer`; return what is complete now."""
+        return list(self.runs(size))
+
+    def runs(self, size: int) -> Iterator[Run]:
+        """As `received`, run by run, each decoded when it is asked for; to be taken to the end.
+
+        A run is short enough that its views are gone before the garbage collector looks at them.
+        """
         if self.error is not None:
             self._start = self._end = 0
-            return []
+            return
         filled = self._end + size == len(self._buffer)
         self._end += size
-        runs: list[Run] = []
-        while self._decode_some(runs):
-            pass
+        while self._start < self._end and self._find_header():
+            payloads, oversized = self._read_run(min(self._end, self._start + _RUN_BYTES))
+            if not (payloads or oversized):
+                payloads, oversized = self._read_run(self._end)
+            if payloads:
+                yield Run(self._header, payloads)
+            if oversized:
+                yield Run(self._header, [], oversized)
+            if not (payloads or oversized):
+                break
         if filled and len(self._buffer) < _SMALL_BUFFER:
             self._replace_buffer(len(self._buffer) * 4)
-        return runs
 
-    def _decode_some(self, runs: list[Run]) -> bool:
-        """Decode one run; False when more bytes are needed or the stream is bad."""
+    def _find_header(self) -> bool:
+        """Whether the header of the next message is known; False if more bytes are needed."""
         if self._drain:
             size = min(self._drain, self._end - self._start)
             self._drain -= size
@@ -200,19 +215,12 @@ class FrameDecoder:
             if self._drain:
                 return False
         known = self._header and self._buffer.startswith(self._header, self._start)
-        if not known and not self._read_header():
-            return False
-        payloads, oversized = self._read_run()
-        if payloads:
-            runs.append(Run(self._header, payloads))
-        if oversized:
-            runs.append(Run(self._header, [], oversized))
-        return bool(payloads or oversized) and self._start < self._end
+        return bool(known) or self._read_header()
 
-    def _read_run(self) -> tuple[list[memoryview], int]:
-        """The complete messages under the present header, and the size of one that is too large."""
+    def _read_run(self, end: int) -> tuple[list[memoryview], int]:
+        """The messages under the present header that lie before ``end``, and the size of a too large one."""
         header, buffer, view = self._header, self._buffer, self._view
-        start, end, limit, skip = self._start, self._end, self._limit, len(self._header)
+        start, limit, skip = self._start, self._limit, len(self._header)
         payloads: list[memoryview] = []
         append = payloads.append
         starts_with = buffer.startswith

@@ -60,3 +60,22 @@ def test_nothing_is_lost_uncounted_and_bounds_hold(
     assert pushed == popped + queue.dropped + len(queue)
     assert queue.clear() + popped + queue.dropped >= pushed
     assert queue.size_bytes == 0
+
+
+@given(
+    st.lists(st.lists(st.integers(1, 40), max_size=8), max_size=6),
+    st.integers(1, 10),
+    st.integers(1, 200),
+)
+def test_pushing_all_is_pushing_one_after_the_other(
+    batches: list[list[int]], depth: int, max_bytes: int
+) -> None:
+    together: BoundedQueue[int] = BoundedQueue(depth, max_bytes)
+    singly: BoundedQueue[int] = BoundedQueue(depth, max_bytes)
+    for batch in batches:
+        dropped = together.push_all(batch, batch, 5.0)
+        assert dropped == sum(singly.push(size, size, 5.0) for size in batch)
+        assert together.size_bytes == singly.size_bytes
+        assert together.dropped == singly.dropped
+    assert together.take(0.0, 10**6) == singly.take(0.0, 10**6)
+    assert together.size_bytes == 0
