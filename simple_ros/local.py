@@ -90,6 +90,9 @@ class LocalLink:
         joined = b"".join(parts)
         self.send((joined,), joined, expires_at)
 
+    takes_any = False
+    """Whether everything is taken for now: it depends on the queue."""
+
     def has_room(self, size: int, count: int = 1) -> bool:
         """Whether ``count`` messages of ``size`` bytes in all can be queued, with none given up."""
         waiting = len(self.queue) + count <= self._profile.depth

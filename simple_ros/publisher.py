@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 from simple_ros.codecs import Codec
 from simple_ros.errors import HandleClosed, MessageTooLarge, QueueFull
 from simple_ros.events import DeadlineMissed, IncompatibleQos, QosEvent, QosEventCallback
-from simple_ros.links import Link, SubscriberLinks
+from simple_ros.links import Link, Spelling, SubscriberLinks
 from simple_ros.names import MAX_NAME_BYTES
 from simple_ros.net.memory import LARGE_BYTES, keep_large_blocks
 from simple_ros.net.transport import InProcess, Transport
@@ -124,6 +124,7 @@ class Publisher(Generic[MessageT]):
         self._ticking = False
         self._sent_at = 0.0
         self._is_plain = False
+        self._is_direct = True
         self._together = _BATCH_MESSAGES
         self._bursts = False
         self._size = -1
@@ -151,16 +152,21 @@ class Publisher(Generic[MessageT]):
         """
         if message.__class__ is not self.message_class:
             self.check_type(message)
-        if self._bursts and _get_ident() == self._thread:
-            # The same as below, without asking what cannot be the case: half the cost of a burst.
+        if self._is_plain and _get_ident() == self._thread:
+            # The same as below, without asking what cannot be the case: half the cost.
             payload = self.encode(message)
             size = len(payload)
             if size <= _SMALL_BYTES:
+                frame = (self._prefix if size == self._size else self._prefixed(size)) + payload
+                if not self._ticking and _monotonic() - self._sent_at > _BURST_S:
+                    self._published += 1
+                    self._send_alone(self._links.spellings[0], frame)
+                    return
                 batch = self._batch
-                batch.append(
-                    (self._prefix if size == self._size else self._prefixed(size)) + payload
-                )
-                if len(batch) >= self._together:
+                batch.append(frame)
+                if not self._ticking:
+                    self._begin_tick()
+                elif len(batch) >= self._together:
                     self._send_batch()
                 return
             self.publish_bytes(payload)
@@ -255,7 +261,7 @@ class Publisher(Generic[MessageT]):
         expires_at = self._expiry()
         for link in spelling.links:
             link.send(frames, joined, expires_at)
-        if self._blocks:
+        if not self._is_direct:
             self._reconsider()
         return True
 
@@ -307,12 +313,8 @@ class Publisher(Generic[MessageT]):
             if _monotonic() - self._sent_at > _BURST_S:
                 self._published += 1
                 self._send_now(payload)
-                # Afterwards: to many links, sending alone takes longer than a burst may pause.
-                self._sent_at = _monotonic()
                 return False
-            self._ticking = True
-            self._bursts = self._is_plain
-            self._loop.call_soon(self._end_tick)
+            self._begin_tick()
         for spelling in self._links.spellings:
             spelling.batch.append(spelling.header + _pack_u32(size) + payload)
         waiting = self._links.spellings[0].batch
@@ -348,7 +350,7 @@ class Publisher(Generic[MessageT]):
             frame = (spelling.header + _pack_u32(size), *parts)
             for link in spelling.links:
                 link.send_parts(frame, expires_at)
-        if self._blocks:
+        if not self._is_direct:
             self._reconsider()
 
     def _check_thread(self) -> None:
@@ -358,14 +360,23 @@ class Publisher(Generic[MessageT]):
             )
 
     def _send_now(self, payload: bytes) -> None:
-        expires_at = self._expiry()
         for spelling in self._links.spellings:
-            frame = spelling.header + _pack_u32(len(payload)) + payload
-            frames = (frame,)
-            for link in spelling.links:
-                link.send(frames, frame, expires_at)
-        if self._blocks:
+            self._send_alone(spelling, spelling.header + _pack_u32(len(payload)) + payload)
+
+    def _send_alone(self, spelling: Spelling, frame: bytes) -> None:
+        expires_at = self._expiry()
+        frames = (frame,)
+        for link in spelling.links:
+            link.send(frames, frame, expires_at)
+        # Afterwards: to many links, sending alone takes longer than a burst may pause.
+        self._sent_at = _monotonic()
+        if not self._is_direct:
             self._reconsider()
+
+    def _begin_tick(self) -> None:
+        self._ticking = True
+        self._bursts = self._is_plain
+        self._loop.call_soon(self._end_tick)
 
     def _end_tick(self) -> None:
         self._ticking = self._bursts = False
@@ -384,7 +395,7 @@ class Publisher(Generic[MessageT]):
             for link in spelling.links:
                 link.send(frames, joined, expires_at)
         self._sent_at = _monotonic()
-        if self._blocks:
+        if not self._is_direct:
             self._reconsider()
 
     def _expiry(self) -> float:
@@ -486,11 +497,14 @@ class Publisher(Generic[MessageT]):
         links = sum(len(spelling.links) for spelling in spellings)
         # A system call for each link is what a batch costs: the more links, the more messages share it.
         together = self._together = min(_BATCH_MESSAGES * max(1, links), _MOST_TOGETHER)
+        self._is_direct = not self._blocks or all(
+            link.takes_any for spelling in spellings for link in spelling.links
+        )
         self._is_plain = (
             len(spellings) == 1
             and not (self._closed or self._latches or self._deadline or self._links.references)
             and self._part is None
-            and (not self._blocks or self._links.have_room(together * _FRAME_BYTES, together))
+            and (self._is_direct or self._links.have_room(together * _FRAME_BYTES, together))
         )
         self._size = -1
         self._bursts = self._is_plain and self._ticking

@@ -123,18 +123,21 @@ class Route:
         self._parsers: dict[Sink, Callable[[Any], Any]] = {}
         self._bad = bad
         self._latches = False
+        self._all_direct = True
         self._last: bytes | None = None
 
     def add(self, sink: Sink, parse: Callable[[Any], Any]) -> None:
         """Deliver to ``sink`` too; ``parse`` is how it wants its messages made, if not as bytes."""
         self._parsers[sink] = bytes if sink.wants_bytes else parse
         self.sinks = (*self.sinks, sink)
+        self._all_direct = all(other.is_direct for other in self.sinks)
         if sink.qos.durability is Durability.TRANSIENT_LOCAL:
             self._latches = True
 
     def discard(self, sink: Sink) -> None:
         """Deliver to ``sink`` no more."""
         self.sinks = tuple(other for other in self.sinks if other is not sink)
+        self._all_direct = all(other.is_direct for other in self.sinks)
         self._parsers.pop(sink, None)
 
     def replay(self, sink: Sink) -> None:
@@ -168,11 +171,12 @@ class Route:
 
     def offer(self, payloads: list[memoryview], resume: Callable[[], None], *, force: bool) -> int:
         """Deliver as much as the queues take; see `Receiver.receive`."""
-        taken = len(payloads)
-        if any(not sink.is_direct for sink in self.sinks):
-            taken = self._room_for([len(payload) for payload in payloads], resume, force=force)
-            if taken < 0:
-                return taken
+        if self._all_direct:
+            self.deliver(payloads)
+            return len(payloads)
+        taken = self._room_for([len(payload) for payload in payloads], resume, force=force)
+        if taken < 0:
+            return taken
         self.deliver(payloads if taken == len(payloads) else payloads[:taken])
         return taken
 

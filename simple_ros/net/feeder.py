@@ -67,7 +67,7 @@ class Feeder:
         on_flowing: Callable[[], None],
     ) -> None:
         self._link = link
-        self._receiver = receiver
+        self._receive = receiver.receive
         self._on_stalled = on_stalled
         self._on_flowing = on_flowing
         self._loop = asyncio.get_running_loop()
@@ -82,17 +82,25 @@ class Feeder:
 
     def feed(self, runs: Iterable[Run]) -> None:
         """Deliver; what does not fit now is delivered later, with the link stalled meanwhile."""
+        receive, link, resume = self._receive, self._link, self._resume
         for run in runs:
             if self._stalled:
                 self._backlog.append(run)
-            else:
-                self._deliver(run, force=False)
+                continue
+            taken = receive(link, run, resume, force=False)
+            if taken < len(run.payloads):
+                self._hold(run, taken)
 
     def _deliver(self, run: Run, *, force: bool) -> bool:
         """Deliver one run whole; False if the rest of it is now first in the backlog."""
-        taken = self._receiver.receive(self._link, run, self._resume, force=force)
+        taken = self._receive(self._link, run, self._resume, force=force)
         if taken >= len(run.payloads):
             return True
+        self._hold(run, taken)
+        return False
+
+    def _hold(self, run: Run, taken: int) -> None:
+        """Keep what was not taken of a run for later."""
         if taken > 0:
             run = run._replace(payloads=run.payloads[taken:])
         self._backlog.appendleft(run)
@@ -101,7 +109,6 @@ class Feeder:
             self._on_stalled()
         if taken >= 0:
             self._loop.call_soon(self._resume)
-        return False
 
     def _resume(self) -> None:
         force = True

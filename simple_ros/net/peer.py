@@ -110,6 +110,11 @@ class OutboundLink(asyncio.Protocol):
             joined = b"".join(parts)
             self.send((joined,), joined, expires_at)
 
+    @property
+    def takes_any(self) -> bool:
+        """Whether everything goes straight to the network for now."""
+        return self._direct
+
     def has_room(self, size: int, count: int = 1) -> bool:
         """Whether ``count`` messages of ``size`` bytes in all can go with none given up."""
         return self._direct or self.queue.has_room(size, count)

@@ -39,6 +39,8 @@ class InboundLink(asyncio.BufferedProtocol):
         self._receiver = receiver
         self._max_message_bytes = max_message_bytes
         self._decoder = FrameDecoder(max_message_bytes)
+        # Asked for each message: straight to who knows.
+        self.get_buffer = self._decoder.get_buffer  # type: ignore[method-assign]
         self._transport: asyncio.Transport | None = None
         self._ended = False
         self._answers_wait = False
@@ -50,8 +52,8 @@ class InboundLink(asyncio.BufferedProtocol):
         self.peer = _peer_name(transport.get_extra_info("peername"))
         keep_alive(transport.get_extra_info("socket"))
 
-    def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002
-        return self._decoder.get_buffer()
+    def get_buffer(self, sizehint: int) -> memoryview:
+        return self._decoder.get_buffer(sizehint)
 
     def buffer_updated(self, nbytes: int) -> None:
         if nbytes >= LARGE_BYTES // 4:
@@ -149,6 +151,7 @@ class NodeServer:
         self.port = 0
         self.links: set[InboundLink] = set()
         self._receiver = receiver
+        self.receive = receiver.receive
         self._max_message_bytes = max_message_bytes
         self._sockets: list[socket.socket] = []
         self._accepting: set[asyncio.Task[None]] = set()
@@ -228,10 +231,6 @@ class NodeServer:
         link = InboundLink(self, self._max_message_bytes)
         self.links.add(link)
         return link
-
-    def receive(self, link: Source, run: Run, resume: Callable[[], None], *, force: bool) -> int:
-        """Pass on."""
-        return self._receiver.receive(link, run, resume, force=force)
 
     def link_refused(self, peer: str, reason: str) -> None:
         """Pass on."""

@@ -116,6 +116,10 @@ class Run(NamedTuple):
     oversized: int = 0
 
 
+_new_run = tuple.__new__
+"""Makes a `Run` without the detour of named tuples."""
+
+
 class FrameDecoder:
     """Turns a stream of bytes into runs of messages, whatever the chunking.
 
@@ -166,8 +170,8 @@ class FrameDecoder:
             ]
         return runs
 
-    def get_buffer(self) -> memoryview:
-        """Where the next bytes go; never empty."""
+    def get_buffer(self, sizehint: int = -1) -> memoryview:  # noqa: ARG002
+        """Where the next bytes go; never empty. The hint is asyncio's, and of no use here."""
         if self._lent:
             self._take_back()
         if self._start == self._end:
@@ -198,7 +202,7 @@ class FrameDecoder:
             if not (payloads or oversized):
                 payloads, oversized = self._read_run(self._end)
             if payloads:
-                yield Run(self._header, payloads)
+                yield _new_run(Run, (self._header, payloads, 0))
             if oversized:
                 yield Run(self._header, [], oversized)
             if not (payloads or oversized):
