@@ -5,15 +5,39 @@ from __future__ import annotations
 import argparse
 import statistics
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, is_dataclass
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 
 def arguments(description: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--seeds", type=int, default=20, help="how many, from 1 up")
+    parser.add_argument("--seeds", type=int, default=20, help="how many")
+    parser.add_argument("--first", type=int, default=1, help="the first seed, to look at others")
     parser.add_argument("--verbose", action="store_true", help="a line for each seed")
     return parser.parse_args()
+
+
+def by_seed(
+    one_seed: Callable[[int], list[float]], options: argparse.Namespace
+) -> list[list[float]]:
+    """A row for each seed, on all cores."""
+    with ProcessPoolExecutor() as pool:
+        return list(pool.map(one_seed, range(options.first, options.first + options.seeds)))
+
+
+def recent_means(series: np.ndarray, edges: Sequence[int]) -> np.ndarray:
+    """Means of the newest samples between two ages, by sample and pair of edges, and a column of ones."""
+    sums, here = np.cumsum(np.r_[0.0, series]), np.arange(series.size) + 1
+    columns = []
+    for young, old in pairwise(edges):
+        end = np.maximum(1, here - young)
+        begin = np.maximum(0, np.minimum(here - old, end - 1))
+        columns.append((sums[end] - sums[begin]) / (end - begin))
+    return np.stack([*columns, np.ones(series.size)], axis=1)
 
 
 @dataclass(frozen=True)

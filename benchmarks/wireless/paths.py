@@ -6,9 +6,10 @@ SIMULATED maps. `python benchmarks/wireless/paths.py [--seeds 20]`
 from __future__ import annotations
 
 import time
+from functools import partial
 
 import numpy as np
-from common import Column, arguments, print_parameters, print_table
+from common import Column, arguments, by_seed, print_parameters, print_table
 
 from simple_ros_engines.cross_domain.path import PathWeights, analyze_path, plan
 from simple_ros_engines.cross_domain.quality_map import GridFrame, QualityMap
@@ -58,7 +59,7 @@ def main() -> None:
     options = arguments(__doc__ or "")
     settings = CoverageSettings()
     print_parameters("paths (SIMULATED maps)", settings, PathWeights())
-    rows = [one_seed(seed, settings) for seed in range(1, options.seeds + 1)]
+    rows = by_seed(partial(one_seed, settings=settings), options)
     print_table(COLUMNS, rows, options.verbose)
 
 

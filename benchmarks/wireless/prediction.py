@@ -1,71 +1,160 @@
-"""Forecasts one second ahead, against the newest value and against WirelessROS' line of ten points.
+"""Forecasts one second ahead, against the newest value.
 
-SIMULATED. `python benchmarks/wireless/prediction.py [--seeds 20]`
+Beside ours stand the best simple alternatives and what is attainable: the best linear combination of the series' own
+past, fitted in hindsight over the whole trace, and the same of what nobody can see, the state of the generator
+(shadowing, place, direction, files in the cell). SIMULATED.
+`python benchmarks/wireless/prediction.py [--seeds 20]`
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from common import Column, arguments, print_parameters, print_table
+from common import Column, arguments, by_seed, print_parameters, print_table, recent_means
+from traces import (
+    DRIVING_MPS,
+    WALKING_MPS,
+    CellTraffic,
+    KnownLink,
+    StreetLink,
+    street,
+    street_fading,
+)
 
 from simple_ros_engines.radio_information.prediction import Predictor, line_fit
-from simple_ros_engines.simulator.link import LinkSettings, SimulatedLink
+from simple_ros_engines.simulator.link import LinkSettings
 
-SERIES = {"delivery_bps": (1e-6, 0.1), "ul_snr_db": (1.0, -math.inf), "rtt_ms": (1.0, 1.0)}
 SAMPLES = 6000
 HORIZON = 10
 WARM_UP = 100
+EDGES = (*range(9), 12, 16, 24, 32, 64, 128, 256)
+FIELDS = ("delivery_bps", "ul_snr_db", "rtt_ms", "prb_cell_used")
 
 
-def errors(values: list[float], least: float) -> tuple[float, float, float]:
-    """Mean absolute errors: ours, newest value, line of ten."""
-    predictor = Predictor(1.0, least=least, logarithmic=least > 0)
-    sums = [0.0, 0.0, 0.0]
-    for index, value in enumerate(values):
-        forecast = predictor.sample(index * 0.1, value).value
-        due = index + HORIZON
-        if index < WARM_UP or due >= len(values):
-            continue
-        ten = values[index - 9 : index + 1]
-        line = max(least, line_fit(list(range(10)), ten, 9 + HORIZON))
-        for slot, guess in enumerate((forecast, value, line)):
-            sums[slot] += abs(guess - values[due])
-    return tuple(sums)
+@dataclass(frozen=True)
+class Series:
+    """One number to foretell, in the unit of its least value; what is beside it in the record."""
+
+    values: np.ndarray
+    least: float | None = None
+    beside: tuple[np.ndarray, ...] = ()
+
+    def inward(self) -> np.ndarray:
+        return self.values if self.least is None else np.log(np.maximum(self.least, self.values))
+
+    def outward(self, guesses: np.ndarray) -> np.ndarray:
+        return guesses if self.least is None else np.exp(np.clip(guesses, np.log(self.least), 50))
+
+    def error(self, forecasts: np.ndarray) -> float:
+        """Mean absolute error of the forecasts made with each sample."""
+        return float(np.abs(forecasts[:-HORIZON] - self.values[HORIZON:])[WARM_UP:].mean())
+
+    def gain(self, forecasts: np.ndarray) -> float:
+        """Per cent below the error of the newest value."""
+        return 100 * (1 - self.error(forecasts) / self.error(self.values))
 
 
-def one_seed(seed: int, settings: LinkSettings) -> list[float]:
-    link = SimulatedLink(np.random.default_rng(seed), settings)
-    records = [link.step() for _ in range(SAMPLES)]
-    row = []
-    for name, (scale, least) in SERIES.items():
-        ours, newest, line = errors([scale * r.values[name] for r in records], least)
-        row += [100 * (1 - ours / newest), 100 * (1 - line / newest)]
-    return row
+def ours(series: Series) -> np.ndarray:
+    least = -np.inf if series.least is None else series.least
+    logarithmic, count = series.least is not None, len(series.beside)
+    predictor = Predictor(1.0, least=least, logarithmic=logarithmic, others=count)
+    beside = np.stack(series.beside, 1).tolist() if count else [()] * SAMPLES
+    pairs = zip(series.values.tolist(), beside, strict=True)
+    return np.array([predictor.sample(0.1 * at, *pair).value for at, pair in enumerate(pairs)])
 
 
+def mean_of_ten(series: Series) -> np.ndarray:
+    sums = np.cumsum(np.r_[np.full(10, series.values[0]), series.values])
+    return (sums[10:] - sums[:-10]) / 10
+
+
+def line_of_ten(series: Series) -> np.ndarray:
+    """What WirelessROS does."""
+    times, values = range(10), series.values.tolist()
+    lines = [line_fit(times, values[at - 9 : at + 1], 9 + HORIZON) for at in range(9, SAMPLES)]
+    return np.maximum(series.least or -np.inf, np.r_[series.values[:9], lines])
+
+
+def in_hindsight(series: Series, inputs: np.ndarray) -> np.ndarray:
+    """The least squares combination of inputs over the whole trace."""
+    known, came = inputs[WARM_UP:-HORIZON], series.inward()[WARM_UP + HORIZON :]
+    return series.outward(inputs @ np.linalg.lstsq(known, came, rcond=None)[0])
+
+
+def state(link: KnownLink) -> list[float]:
+    """What the generator knows of the coming second."""
+    files, shadow, loss, later = link.state()
+    parts = [shadow, loss, later, files, files**2, 1 / (1 + files)]
+    return [*parts, *(shadow * part for part in parts), *(files * part for part in parts), 1.0]
+
+
+def made(seed: int, speed_mps: float | None) -> KnownLink:
+    generator = np.random.default_rng(seed)
+    if speed_mps is None:
+        return KnownLink(generator, LinkSettings())
+    settings, fading = street(speed_mps, offered_bps=1e6), street_fading(speed_mps)
+    return StreetLink(generator, settings, fading, CellTraffic(), SAMPLES)
+
+
+def recorded(link: KnownLink) -> tuple[np.ndarray, np.ndarray]:
+    """Fields by sample, and the state behind them."""
+    rows, states = [], []
+    for _ in range(SAMPLES):
+        values = link.step().values
+        rows.append([values[name] for name in FIELDS])
+        states.append(state(link))
+    return np.array(rows), np.array(states)
+
+
+def one_seed(seed: int, speed_mps: float | None) -> list[float]:
+    rows, states = recorded(made(seed, speed_mps))
+    bandwidth, signal, trip, used = rows.T
+    rate = Series(1e-6 * bandwidth, 0.1, (signal, used))
+    result = []
+    for series in (rate, Series(signal), Series(trip, 1.0)):
+        inward = series.inward()
+        own_past = recent_means(inward, EDGES)
+        forecasters: list[Callable[[Series], np.ndarray]] = [ours, mean_of_ten, line_of_ten]
+        result += [series.gain(one(series)) for one in forecasters]
+        if series.least != 1.0:
+            seen = np.c_[states, inward, signal]
+            result += [series.gain(in_hindsight(series, own_past))]
+            result += [series.gain(in_hindsight(series, seen))]
+    return result
+
+
+NUMBERS = (("bandwidth", "bar: >= 20"), ("signal", ""), ("round trip", "bar: >= 20"))
 COLUMNS = [
-    Column(f"{name}: {who} below the newest value", "%", min, bar)
-    for name, wanted in (
-        ("delivery_bps", "bar: >= 20"),
-        ("ul_snr_db", ""),
-        ("rtt_ms", "bar: >= 20"),
+    Column(f"{name}: {who}", "%", min, bar if who == "ours" else "")
+    for name, bar in NUMBERS
+    for who in (
+        "ours",
+        "best simple (mean of ten)",
+        "line of ten (WirelessROS)",
+        "attainable from its past",
+        "attainable knowing the state",
     )
-    for who, bar in (("ours", wanted), ("line of ten", ""))
+    if not (name == "round trip" and who.startswith("attainable"))
 ]
 SCENARIOS = {
-    "walking": LinkSettings(),
-    "walking, smooth grants (no bar)": LinkSettings(scheduler_sigma=0.2),
-    "driving, grants as before (no bar)": LinkSettings(speed_mps=13.9, distance_m=(40.0, 250.0)),
+    "walking, mild shadowing, white fading": None,
+    "walking 3 km/h in a street canyon": WALKING_MPS,
+    "driving 60 km/h in a street canyon": DRIVING_MPS,
 }
 
 
 def main() -> None:
     options = arguments(__doc__ or "")
-    for name, settings in SCENARIOS.items():
-        print_parameters(f"prediction, 1 s ahead at 10 Hz, {name} (SIMULATED)", settings)
-        rows = [one_seed(seed, settings) for seed in range(1, options.seeds + 1)]
+    for name, speed in SCENARIOS.items():
+        shown = [LinkSettings()]
+        if speed is not None:
+            shown = [street(speed, offered_bps=1e6), street_fading(speed), CellTraffic()]
+        title = f"error 1 s ahead at 10 Hz below that of the newest value, {name} (SIMULATED)"
+        print_parameters(title, *shown)
+        rows = by_seed(partial(one_seed, speed_mps=speed), options)
         print_table(COLUMNS, rows, options.verbose)
 
 

@@ -360,6 +360,20 @@ class TestCore:
         assert strategy.prb == 6
         assert strategy.compression_ratio < 0.1
 
+    def test_another_target_counts_at_once_and_what_was_learnt_stays(self):
+        engine = self.engine(learn=False)
+        # Near the bound between two schemes.
+        view = replace(VIEW, snr_db=11.5)
+        bold = engine.decide("x", view, DEMAND)
+        engine.change(target_bler=1e-6, max_harq_retx=0)
+        careful = engine.decide("x", view, DEMAND)
+        assert careful.mcs < bold.mcs
+        assert careful.max_harq_retx == 0
+        new = engine.decide("y", view, DEMAND)
+        assert new.mcs == careful.mcs
+        with pytest.raises(ConfigError, match="target_bler"):
+            engine.change(target_bler=0, max_harq_retx=0)
+
     def test_congestion_compresses(self):
         engine = self.engine(learn=False)
         calm = engine.decide("x", VIEW, DEMAND)

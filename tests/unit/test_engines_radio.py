@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 
+import numpy as np
 import pytest
 
 from simple_ros.errors import ConfigError
@@ -28,6 +29,7 @@ from simple_ros_engines.radio.mcs import (
     mcs_entry,
     mcs_table,
 )
+from simple_ros_engines.simulator.propagation import Fading
 
 TABLES = list(McsTable)
 
@@ -157,3 +159,17 @@ class TestBler:
             )
         assert math.isfinite(implied_snr_db(entry, 0.0))
         assert math.isfinite(implied_snr_db(entry, 1.0))
+
+
+class TestFading:
+    def test_an_even_grid_gives_what_single_times_give(self):
+        fading = Fading(10.0, taps=2, waves=4, subbands=3, antennas=1)
+        times = np.arange(200) * 1e-3
+        uneven = np.r_[times, 0.5]
+        even = fading.trace(np.random.default_rng(1), times)
+        assert even == pytest.approx(fading.trace(np.random.default_rng(1), uneven)[:200])
+
+    def test_mean_power_is_one(self):
+        fading = Fading(10.0, antennas=8)
+        gains = fading.trace(np.random.default_rng(1), np.arange(4000) * 5e-3)
+        assert gains.mean() == pytest.approx(1.0, abs=0.05)

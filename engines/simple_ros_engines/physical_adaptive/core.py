@@ -152,6 +152,16 @@ class PhysicalAdaptive:
         """How many links it knows."""
         return len(self._links)
 
+    def change(self, *, target_bler: float, max_harq_retx: int) -> None:
+        """Aim at another error rate, allow another number of repetitions, on all links.
+
+        Raises:
+            ConfigError: The rate does not lie between 0 and 1.
+        """
+        for link in self._links.values():
+            link.adapter.aim(target_bler)
+        self.settings = replace(self.settings, target_bler=target_bler, max_harq_retx=max_harq_retx)
+
     def observe(self, link_id: str, view: LinkView) -> bool:
         """Take the newest view of a link. Tells whether the link congests."""
         link = self._link(link_id)

@@ -71,6 +71,14 @@ class LinkAdapter:
         self._n_re = n_re
         self._max = last if max_index is None else min(last, max_index)
 
+    def aim(self, target_bler: float) -> None:
+        """Allow another share of lost blocks; what the link has earned stays.
+
+        Raises:
+            ConfigError: It does not lie between 0 and 1.
+        """
+        self.loop = replace(self.loop, target_bler=target_bler)
+
     def choose(self, snr_db: float) -> int:
         """The scheme for a measured ratio."""
         entry = best_mcs(

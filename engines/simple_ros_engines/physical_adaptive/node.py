@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import math
 import random
 from typing import ClassVar
 
@@ -20,9 +21,11 @@ from simple_ros.msg.wireless_ros_msgs import (
     OptimizeStrategyGoal,
     OptimizeStrategyResult,
     PhyLayerMetrics,
+    ResourceGrants,
     TransmissionStrategy,
 )
 from simple_ros.node import NodeHandle
+from simple_ros.qos import LATCHED
 from simple_ros_engines.base import NAMESPACE, WirelessEngine, outlet
 from simple_ros_engines.health import report_health
 from simple_ros_engines.physical_adaptive.actuators import Actuator, RrmPolicyFile
@@ -65,6 +68,7 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         self._views: dict[str, LinkView] = {}
         self._demands: dict[str, Demand] = {}
         self._recommendation = ""
+        self._grants: dict[str, tuple[int | None, float]] = {}
         self._newest: dict[str, TransmissionStrategy] = {}
         self._parameters: ParameterActuator | None = None
         self._setting: dict[str, asyncio.Task[None]] = {}
@@ -85,6 +89,9 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         await self.listen(node, "channel_state", ChannelState, self._channel)
         await self.listen(node, "constraints", Constraint, self._came)
         await node.subscribe(f"/{NAMESPACE}/adaptation_recommendation", String, self._recommended)
+        await node.subscribe(
+            f"/{NAMESPACE}/resource_grants", ResourceGrants, self._granted, qos=LATCHED
+        )
         await node.subscribe(f"/{NAMESPACE}/actuation_report", ActuationReport, self._reported)
         await node.advertise_action(
             f"/{NAMESPACE}/optimize_strategy", OptimizeStrategy, self._optimize
@@ -96,12 +103,16 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
 
     async def _declare(self, node: NodeHandle) -> None:
         get = node.declare_parameter
+
+        async def share(name: str, default: float, least: float, most: float) -> float:
+            return float(await get(name, default, minimum=least, maximum=most, read_only=True))
+
         learn = bool(await get("~use_reinforcement_learning", True, read_only=True))
         q = QSettings(
-            learning_rate=float(await get("~learning_rate", 0.1, minimum=0.001, maximum=1)),
-            discount=float(await get("~discount_factor", 0.9, minimum=0, maximum=0.999)),
-            exploration=float(await get("~exploration_rate", 0.2, minimum=0, maximum=1)),
-            min_exploration=float(await get("~min_exploration_rate", 0.05, minimum=0, maximum=1)),
+            learning_rate=await share("~learning_rate", 0.1, 0.001, 1),
+            discount=await share("~discount_factor", 0.9, 0, 0.999),
+            exploration=await share("~exploration_rate", 0.2, 0, 1),
+            min_exploration=await share("~min_exploration_rate", 0.05, 0, 1),
         )
         scs = int(await get("~scs_khz", 30, choices=(15, 30, 60), read_only=True))
         n_prb = resource_blocks(scs, int(await get("~bandwidth_mhz", 20, read_only=True)))
@@ -115,12 +126,20 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         )
         seed = int(await get("~seed", 0, read_only=True))
         self.core = PhysicalAdaptive(settings, random.Random(seed))  # noqa: S311
+        for name in ("~target_bler", "~max_harq_retx"):
+            node.on_parameter_changed(name, lambda _: self._change(node))
         path = str(await get("~rrm_policy_file", "", read_only=True))
         if path:
             self.actuators.append(RrmPolicyFile(path, n_prb))
         names = str(await get("~apply_parameters", "", read_only=True))
         if names:
             self._parameters = ParameterActuator(node, _names(names))
+
+    def _change(self, node: NodeHandle) -> None:
+        wanted = node.parameters
+        self.core.change(
+            target_bler=float(wanted["~target_bler"]), max_harq_retx=int(wanted["~max_harq_retx"])
+        )
 
     def link_count(self) -> int:
         """Links with a strategy."""
@@ -148,6 +167,17 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
     def _recommended(self, message: String) -> None:
         self._recommendation = message.data
 
+    def _granted(self, message: ResourceGrants) -> None:
+        """The hub's word: a link that got its wish is not limited, one it refuses may use nothing."""
+        self._grants = {
+            grant.link_id: (
+                grant.granted_prb if grant.granted_prb < grant.requested_prb else None,
+                grant.granted_bps if grant.granted_bps < grant.requested_bps else math.inf,
+            )
+            for grant in message.grants
+        }
+        self._grants |= {link.link_id: (0, 0.0) for link in message.refused}
+
     def _reported(self, message: ActuationReport) -> None:
         newest = self._newest.get(message.link_id)
         stamp = message.header.stamp.ToNanoseconds()
@@ -174,11 +204,13 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         view = self._views.get(item.link_id)
         if view is None:
             return
+        prb, rate_bps = self._grants.get(item.link_id, (None, math.inf))
         demand = Demand(
             item.constraint_type,
-            item.max_data_rate * 1e6,
+            min(item.max_data_rate * 1e6, rate_bps),
             item.criticality,
             self._recommendation if len(self._views) == 1 else "",
+            prb,
         )
         self._demands[item.link_id] = demand
         strategy = self.core.decide(item.link_id, view, demand)
