@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import random
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 
 import pytest
 
@@ -19,7 +21,7 @@ from simple_ros_engines.physical_adaptive.core import (
     PhysicalAdaptive,
     PhysicalSettings,
 )
-from simple_ros_engines.physical_adaptive.goodput import GoodputAdapter
+from simple_ros_engines.physical_adaptive.goodput import GoodputAdapter, SampledGoodput
 from simple_ros_engines.physical_adaptive.harq import advised_retransmissions, residual_loss
 from simple_ros_engines.physical_adaptive.link_adaptation import (
     LinkAdapter,
@@ -103,6 +105,56 @@ class TestOuterLoop:
 
     def test_a_scheme_limit_holds(self):
         assert LinkAdapter(TABLE, max_index=10).choose(60.0) == 10
+
+
+class TestSampledGoodput:
+    """What an engine sees: some samples a second, of schemes that the network chose."""
+
+    @pytest.mark.parametrize("hidden_db", [-2.0, 0.0, 2.0])
+    def test_it_finds_the_offset_and_loses_what_it_may(self, hidden_db):
+        link, draw, lost = SampledGoodput(0.1), random.Random(2), []
+        for _ in range(2500):
+            snr_db = draw.gauss(10, 0.5)
+            mcs = link.choose(snr_db)
+            lost.append(block_error_rate(mcs_entry(TABLE, mcs), snr_db + hidden_db))
+            link.calibrate(snr_db, mcs, lost[-1])
+        assert fmean(lost[-1000:]) == pytest.approx(0.1, abs=0.03)
+        assert link.offset_db == pytest.approx(hidden_db, abs=1.0)
+        assert link.deviation_db == pytest.approx(0.5 * math.sqrt(2), abs=0.2)
+
+    def test_it_learns_from_schemes_that_the_network_chose(self):
+        told, draw = SampledGoodput(0.1), random.Random(3)
+        for _ in range(600):
+            snr_db = draw.gauss(10, 0.5)
+            told.choose(snr_db)
+            mcs = draw.choice((10, 12, 14))
+            told.calibrate(snr_db, mcs, block_error_rate(mcs_entry(TABLE, mcs), snr_db - 4.0))
+        assert told.offset_db == pytest.approx(-4.0, abs=1.0)
+
+    def test_another_target_changes_what_it_loses(self):
+        lost = {}
+        for target in (0.3, 0.03):
+            link, draw, seen = SampledGoodput(0.1), random.Random(4), []
+            link.aim(target)
+            for _ in range(2500):
+                snr_db = draw.gauss(10, 0.5)
+                mcs = link.choose(snr_db)
+                seen.append(block_error_rate(mcs_entry(TABLE, mcs), snr_db))
+                link.calibrate(snr_db, mcs, seen[-1])
+            lost[target] = fmean(seen[-500:])
+        assert lost[0.3] > 2 * lost[0.03]
+        with pytest.raises(ConfigError, match="target_bler is 1"):
+            SampledGoodput(0.1).aim(1.0)
+
+    def test_the_engine_decides_with_it_if_asked(self):
+        settings = PhysicalSettings(learn=False, adaptation="goodput")
+        core, sampled = PhysicalAdaptive(settings, random.Random(1)), SampledGoodput(0.1)
+        for _ in range(50):
+            core.observe("link", VIEW)
+            sampled.calibrate(VIEW.snr_db, VIEW.mcs, VIEW.bler)
+            assert core.decide("link", VIEW, DEMAND).mcs == sampled.choose(VIEW.snr_db)
+        core.change(target_bler=0.05, max_harq_retx=2)
+        assert core.settings.target_bler == 0.05
 
 
 class TestGoodputAdapter:

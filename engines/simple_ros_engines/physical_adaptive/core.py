@@ -11,9 +11,11 @@ import math
 from collections import deque
 from dataclasses import dataclass, field, replace
 from statistics import fmean, pstdev
+from typing import Literal
 
 from simple_ros_engines.physical_adaptive.congestion import CongestionWatch, prevent
 from simple_ros_engines.physical_adaptive.congestion_learning import CongestionLearner
+from simple_ros_engines.physical_adaptive.goodput import SampledGoodput
 from simple_ros_engines.physical_adaptive.harq import advised_retransmissions
 from simple_ros_engines.physical_adaptive.link_adaptation import LinkAdapter, OuterLoop
 from simple_ros_engines.physical_adaptive.q_learning import (
@@ -60,6 +62,8 @@ class PhysicalSettings:
         max_harq_retx: Most repetitions.
         learn: Whether corrections are learnt.
         q: How.
+        adaptation: How the scheme is chosen: ``threshold``, the highest whose modelled loss keeps the target, or
+            ``goodput``, the one that should bring most (`goodput`).
         learn_congestion: Whether a link that is about to congest is recognised by what came before earlier
             congestion of it.
     """
@@ -70,6 +74,7 @@ class PhysicalSettings:
     max_harq_retx: int = 4
     learn: bool = True
     q: QSettings = field(default_factory=QSettings)
+    adaptation: Literal["threshold", "goodput"] = "threshold"
     learn_congestion: bool = False
 
 
@@ -119,8 +124,11 @@ class Demand:
 
 class _Link:
     def __init__(self, settings: PhysicalSettings) -> None:
-        loop = OuterLoop(settings.target_bler)
-        self.adapter = LinkAdapter(settings.table, loop)
+        self.adapter: LinkAdapter | SampledGoodput = (
+            SampledGoodput(settings.target_bler, settings.table)
+            if settings.adaptation == "goodput"
+            else LinkAdapter(settings.table, OuterLoop(settings.target_bler))
+        )
         self.congestion = CongestionWatch()
         self.foresight = CongestionLearner() if settings.learn_congestion else None
         self.will_congest = False
@@ -315,7 +323,7 @@ class PhysicalAdaptive:
         base = self.decide(link_id, view, demand)
         link = self._link(link_id)
         entries = mcs_table(self.settings.table)
-        snr = (view.snr_db or 0.0) + link.adapter.loop.offset_db
+        snr = (view.snr_db or 0.0) + link.adapter.offset_db
         order = sorted(range(len(entries)), key=lambda index: abs(index - base.mcs))
         best, best_score, trail = base, -math.inf, []
         for index in order[: max(1, iterations)]:

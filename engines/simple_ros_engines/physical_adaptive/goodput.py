@@ -12,6 +12,7 @@ where they cost the fewest bits.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -22,7 +23,7 @@ from simple_ros.errors import ConfigError
 from simple_ros_engines.radio.bler import DEFAULT_RE, required_snr_db
 from simple_ros_engines.radio.mcs import McsTable, mcs_table
 
-__all__ = ["Choice", "GoodputAdapter"]
+__all__ = ["Choice", "GoodputAdapter", "SampledGoodput"]
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +35,8 @@ _FIRST_GEAR = 25.0
 _LIMIT_DB = 8.0
 _SCHEME_LIMIT_DB = _MARGIN * _STEP_DB
 _PRICE_LIMIT = 3.0
+_BLOCKS = 10
+_SAMPLES = 20
 _LEAST_ARRIVAL = 0.7
 """Schemes that less often arrive are not chosen, however cheap losses are; where none does so often, the lowest is."""
 
@@ -89,13 +92,11 @@ class GoodputAdapter:
         rate_db: float = 0.02,
         price_rate: float = 0.005,
     ) -> None:
-        if target_bler is not None and not 0 < target_bler < 1:
-            raise ConfigError(f"target_bler is {target_bler}, must lie between 0 and 1")
         if rate_db <= 0 or price_rate <= 0:
             raise ConfigError("rate_db and price_rate must be more than 0")
         self.offset_db = 0.0
         self.price = 0.0
-        self._target = target_bler
+        self._target = None if target_bler is None else _checked(target_bler)
         self._table = table
         self._n_re = n_re
         self._rate_db = rate_db
@@ -114,15 +115,32 @@ class GoodputAdapter:
             snr_db: Expected ratio at the time of sending.
             deviation_db: How far off the forecast usually is.
         """
-        deviation = round(min(10.0, max(0.0, deviation_db)) / _STEP_DB)
-        table = _arrivals(self._table, self._n_re, deviation)
-        place = round((snr_db + self.offset_db - _LOW_DB) / _STEP_DB)
-        rows = min(len(table) - 1 - _MARGIN, max(_MARGIN, place)) + self._shifts
-        arrives = table[rows, self._schemes]
+        arrives = self._chances(snr_db, deviation_db)
         worth = arrives * (self._efficiency + self.price)
         worth[arrives < _LEAST_ARRIVAL] = -math.inf
         mcs = int(worth.argmax())
         return Choice(mcs, float(arrives[mcs]))
+
+    def expectation(self, mcs: int, snr_db: float, deviation_db: float = 0.0) -> Choice:
+        """A scheme that somebody else chose, and what should arrive of it; for `feedback`."""
+        return Choice(mcs, float(self._chances(snr_db, deviation_db)[mcs]))
+
+    def aim(self, target_bler: float) -> None:
+        """Allow another share of lost blocks; what the link has taught stays.
+
+        Raises:
+            ConfigError: It does not lie between 0 and 1.
+        """
+        self._target = _checked(target_bler)
+
+    def _chances(self, snr_db: float, deviation_db: float) -> Floats:
+        """Of arrival, by scheme."""
+        deviation = round(min(10.0, max(0.0, deviation_db)) / _STEP_DB)
+        table = _arrivals(self._table, self._n_re, deviation)
+        place = round((snr_db + self.offset_db - _LOW_DB) / _STEP_DB)
+        rows = min(len(table) - 1 - _MARGIN, max(_MARGIN, place)) + self._shifts
+        chances: Floats = table[rows, self._schemes]
+        return chances
 
     def feedback(self, choice: Choice, arrived: float, lost: float) -> None:
         """Tell what became of blocks.
@@ -150,3 +168,67 @@ class GoodputAdapter:
         """Whether more or less blocks could have been lost: at the ends of the table nobody has a choice."""
         is_last = choice.mcs == self._schemes.size - 1
         return choice.mcs > 0 and not (is_last and choice.expected > 1 - target)
+
+
+class SampledGoodput:
+    """`GoodputAdapter` for who sees a link some times a second, as an engine does.
+
+    The newest ratio is the forecast, its usual change from one sample to the next the deviation. The share of
+    lost blocks since the last sample stands for as many blocks as make it worth listening to.
+
+    Args:
+        target_bler: Share of first transmissions to lose.
+        table: Which schemes the link has.
+    """
+
+    def __init__(self, target_bler: float = 0.1, table: McsTable = McsTable.QAM64) -> None:
+        self._adapter = GoodputAdapter(target_bler, table)
+        self._before: float | None = None
+        self._changes: deque[float] = deque(maxlen=_SAMPLES)
+
+    @property
+    def offset_db(self) -> float:
+        """What the radio is better than the model."""
+        return self._adapter.offset_db
+
+    @property
+    def deviation_db(self) -> float:
+        """How far the ratio usually moves from one sample to the next."""
+        changes = self._changes
+        return math.sqrt(sum(map(_squared, changes)) / len(changes)) if changes else 0.0
+
+    def aim(self, target_bler: float) -> None:
+        """Allow another share of lost blocks.
+
+        Raises:
+            ConfigError: It does not lie between 0 and 1.
+        """
+        self._adapter.aim(target_bler)
+
+    def calibrate(self, snr_db: float, mcs: int, bler: float) -> None:
+        """Learn from blocks of a scheme that the network chose.
+
+        Args:
+            snr_db: Reported ratio.
+            mcs: Scheme they were sent with.
+            bler: Share lost.
+        """
+        expected = self._adapter.expectation(mcs, snr_db, self.deviation_db)
+        self._adapter.feedback(expected, _BLOCKS * (1 - bler), _BLOCKS * bler)
+
+    def choose(self, snr_db: float) -> int:
+        """The scheme for a measured ratio."""
+        if self._before is not None:
+            self._changes.append(snr_db - self._before)
+        self._before = snr_db
+        return self._adapter.choose(snr_db, self.deviation_db).mcs
+
+
+def _squared(value: float) -> float:
+    return value * value
+
+
+def _checked(target_bler: float) -> float:
+    if not 0 < target_bler < 1:
+        raise ConfigError(f"target_bler is {target_bler}, must lie between 0 and 1")
+    return target_bler

@@ -71,6 +71,11 @@ class LinkAdapter:
         self._n_re = n_re
         self._max = last if max_index is None else min(last, max_index)
 
+    @property
+    def offset_db(self) -> float:
+        """What the radio is better than the model."""
+        return self.loop.offset_db
+
     def aim(self, target_bler: float) -> None:
         """Allow another share of lost blocks; what the link has earned stays.
 

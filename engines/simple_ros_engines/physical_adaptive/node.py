@@ -7,7 +7,7 @@ import json
 import logging
 import math
 import random
-from typing import ClassVar
+from typing import ClassVar, Literal, cast
 
 from simple_ros.aio import ServerGoal
 from simple_ros.errors import ConfigError
@@ -54,7 +54,8 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
     ``exploration_rate``, ``min_exploration_rate``, ``discount_factor``, ``seed``, ``target_bler``,
     ``max_harq_retx``, ``bandwidth_mhz``, ``scs_khz``, ``rrm_policy_file`` (empty: none is written),
     ``apply_parameters`` (JSON: field of a strategy to name of a parameter, in which ``{link}`` stands for
-    the link), ``adapt_learning_rate``, ``learn_congestion``.
+    the link), ``adapt_learning_rate``, ``learn_congestion``, ``link_adaptation`` (``threshold`` or
+    ``goodput``).
     """
 
     node_name: ClassVar[str] = f"{NAMESPACE}/physical_adaptive_engine"
@@ -122,6 +123,15 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
             max_harq_retx=int(await get("~max_harq_retx", 4, minimum=0, maximum=16)),
             learn=learn,
             q=q,
+            adaptation=cast(
+                "Literal['threshold', 'goodput']",
+                await get(
+                    "~link_adaptation",
+                    "threshold",
+                    choices=("threshold", "goodput"),
+                    read_only=True,
+                ),
+            ),
             learn_congestion=bool(await get("~learn_congestion", False, read_only=True)),
         )
         seed = int(await get("~seed", 0, read_only=True))
