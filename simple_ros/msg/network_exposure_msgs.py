@@ -14,10 +14,10 @@ from simple_ros.msg.network_exposure_msgs_pb2 import (
     Throttle,
     TunnelSelect,
     UniqueTopicFlow,
+    UniqueTopicFlows,
     UniqueTopicFlowStat,
     UniqueTopicFlowStats,
     UniqueTopicFlowTunnelStat,
-    UniqueTopicFlows,
 )
 
 __all__ = [

@@ -1,0 +1,1 @@
+"""The network's interfaces: SEAL, NEF AsSessionWithQoS, CAMARA Quality-on-Demand."""

@@ -1,0 +1,1 @@
+"""A mobile network that is none: all it says is simulated."""
