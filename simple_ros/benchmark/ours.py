@@ -1,7 +1,7 @@
 """simple_ros itself as it is measured: ``python -m simple_ros.benchmark.ours JOB``.
 
 Options: ``transport`` (``tcp``, ``unix`` or any other that a node knows), ``face`` (``blocking``), ``loop``
-(``uvloop``), ``pixels`` (``inside``: large messages as plain protobuf objects).
+(``uvloop``), ``busy`` (busy polling), ``pixels`` (``inside``: large messages as plain protobuf objects).
 """
 
 from __future__ import annotations
@@ -95,7 +95,12 @@ def _how(job: Job) -> dict[str, Any]:
     transport = job.options.get("transport", "")
     # TCP stays in the list: whatever else a node knows, it may need it to be reached at all.
     names = [transport, "tcp"] if transport not in ("", "tcp") else [transport]
-    return {"master": job.services["master"]} | ({"transports": names} if transport else {})
+    how: dict[str, Any] = {"master": job.services["master"]}
+    if transport:
+        how["transports"] = names
+    if job.options.get("busy"):
+        how["busy_poll"] = True
+    return how
 
 
 def _message_class(job: Job) -> Any:

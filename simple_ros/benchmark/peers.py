@@ -106,7 +106,16 @@ def _own() -> dict[str, Peer]:
         _LARGE,
         ("master",),
     )
-    return {peer.name: peer for peer in (*peers, inside)}
+    busy = Peer(
+        "ours_busy",
+        "ours",
+        "simple_ros, Unix sockets, busy polling" + (", uvloop" if not _no_uvloop() else ""),
+        _OURS,
+        {"transport": "unix", "busy": "yes", "loop": "" if _no_uvloop() else "uvloop"},
+        frozenset({"latency"}),
+        ("master",),
+    )
+    return {peer.name: peer for peer in (*peers, inside, busy)}
 
 
 def _limits() -> dict[str, Peer]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from typing import Any
 
 import pytest
@@ -61,7 +62,10 @@ async def test_taking_it_back_at_once_and_asking_again_turns_one_wheel_only() ->
         poll.acquire()
         poll.release()
     assert not poll.is_on
+    before = sys.getswitchinterval()
     poll.acquire()
     await asyncio.sleep(0)
     assert poll.is_on
+    assert sys.getswitchinterval() < before, "other threads are let in sooner"
     poll.release()
+    assert sys.getswitchinterval() == before

@@ -40,6 +40,7 @@ PACKAGES = [
     "std_msgs",
     "std_srvs",
     "tf2_msgs",
+    "turtlesim_msgs",
     "ustc",
     "visualization_msgs",
     "wireless_ros_msgs",

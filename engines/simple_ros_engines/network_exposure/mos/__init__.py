@@ -1,0 +1,1 @@
+"""Mean opinion scores: how well a process goes, as people and programs judge it."""

@@ -1,0 +1,166 @@
+"""The node of scores: a page on which a person groups relayed topics and gives stars, published on ``/MOS``."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+from typing import Any, ClassVar
+
+from simple_ros.engine import Engine
+from simple_ros.msg.network_exposure_msgs import UniqueTopicFlows, UniqueTopicFlowStats
+from simple_ros.msg.turtlesim_msgs import Mos
+from simple_ros.node import NodeHandle
+from simple_ros.publisher import Publisher
+from simple_ros.qos import LATCHED, QosProfile
+from simple_ros_engines.network_exposure.mos.board import Board
+from simple_ros_engines.network_exposure.mos.judgements import Judge, Judgements
+from simple_ros_engines.network_exposure.mos.page_server import Feed, PageServer, address_of
+
+__all__ = ["MOS_TOPIC", "MeanOpinionScoring", "judge_of"]
+
+logger = logging.getLogger(__name__)
+
+MOS_TOPIC = "/MOS"
+REPEAT_S = 1.0
+_WEB = Path(__file__).parent / "web"
+_JUDGES = {Mos.HUMAN: Judge.HUMAN, Mos.AUTOMATIC: Judge.AUTOMATIC}
+
+
+def judge_of(message: Mos) -> Judge | None:
+    """Who gave a score; None if the message does not say."""
+    return _JUDGES.get(message.identifier)
+
+
+class MeanOpinionScoring(Engine):
+    """Asks people how well it goes.
+
+    Scores are said again each second while they stand, and taken back with a score of 0. Parameters of its
+    node: ``page`` (``[HOST:]PORT`` of the page; port 0 takes any), ``valid_s`` (stars count so long after the
+    click; 0 until they are taken back).
+
+    Attributes:
+        board: Groups and stars.
+        url: Of the page.
+    """
+
+    node_name: ClassVar[str] = "mean_opinion_scoring"
+    summary: ClassVar[str] = "A page to group relayed topics and give stars, published on /MOS."
+
+    def __init__(self) -> None:
+        self.board = Board()
+        self.judgements = Judgements()
+        self._flows: dict[str, list[str]] = {}
+        self._told: set[str] = set()
+        self._valid_s = 0.0
+        self._publisher: Publisher[Mos] | None = None
+        self._page = PageServer(_WEB, self._feed, self._command)
+
+    @property
+    def url(self) -> str:
+        """Where the page is, while there is one."""
+        return self._page.url
+
+    async def run(self, node: NodeHandle) -> None:
+        """Work until cancelled or the node ends.
+
+        Raises:
+            ConfigError: ``page`` is no address.
+        """
+        host, port = address_of(
+            str(await node.declare_parameter("~page", "127.0.0.1:8090", read_only=True))
+        )
+        self._valid_s = float(await node.declare_parameter("~valid_s", 0.0, minimum=0))
+        node.on_parameter_changed("~valid_s", self._set_valid)
+        await node.subscribe("unique_network_flow", UniqueTopicFlows, self._flows_came, qos=LATCHED)
+        await node.subscribe("unique_network_flow_stats", UniqueTopicFlowStats, self._stats_came)
+        await node.subscribe(MOS_TOPIC, Mos, self._score_came)
+        self._publisher = await node.advertise(MOS_TOPIC, Mos, qos=QosProfile(depth=100))
+        node.create_timer(REPEAT_S, lambda _: self.publish())
+        async with self._page.listening(host, port) as url:
+            if url:
+                logger.info("scores are given at %s", url)
+            await node.spin()
+
+    def _set_valid(self, value: Any) -> None:
+        self._valid_s = float(value)
+
+    # -- what it hears -----------------------------------------------------------------------------
+
+    def _flows_came(self, message: UniqueTopicFlows) -> None:
+        self._flows[message.relay] = [flow.topic for flow in message.flows]
+        self.board.flows_are({topic for topics in self._flows.values() for topic in topics})
+
+    def _stats_came(self, message: UniqueTopicFlowStats) -> None:
+        for stat in message.stats:
+            self.board.measured(
+                stat.topic, stat.window_rate, stat.window_bandwidth, stat.window_jitter
+            )
+
+    def _score_came(self, message: Mos) -> None:
+        judge = judge_of(message)
+        if judge is not None:
+            self.judgements.came(
+                message.group, message.topics, message.score, judge, time.monotonic()
+            )
+
+    # -- what it says ------------------------------------------------------------------------------
+
+    def publish(self) -> None:
+        """Say all scores that stand, and take back those that do not any more."""
+        if self._publisher is None:
+            return
+        now_s = time.monotonic()
+        for name, group in self.board.groups.items():
+            if self._valid_s and group.stars and now_s - group.rated_s > self._valid_s:
+                group.stars = 0.0
+            if group.stars:
+                self._publisher.publish(_score(name, group.topics, group.stars))
+        standing = {name for name, group in self.board.groups.items() if group.stars}
+        for name in self._told - standing:
+            self._publisher.publish(_score(name, (), 0.0))
+        self._told = standing
+
+    def _command(self, said: dict[str, Any]) -> str:
+        done = self.board.command(said, time.monotonic())
+        self.publish()
+        return done
+
+    def _feed(self) -> Feed:
+        return self.state
+
+    def state(self) -> dict[str, Any]:
+        """What the page shows."""
+        board, now_s = self.board, time.monotonic()
+        counting = {topic: self.judgements.of(topic, now_s) for topic in board.topics}
+        return {
+            "topics": [
+                {
+                    "name": topic,
+                    "rate": round(known.rate_hz, 2),
+                    "bandwidth": round(known.bytes_per_s),
+                    "jitter_ms": round(1000 * known.jitter_s, 2),
+                    "flowing": known.is_flowing,
+                    "score": None if judged is None else round(judged.score, 2),
+                    "judge": None if judged is None else judged.judge.value,
+                }
+                for topic, known in sorted(board.topics.items())
+                for judged in (counting[topic],)
+            ],
+            "groups": [
+                {"name": name, "topics": list(group.topics), "stars": group.stars}
+                for name, group in sorted(board.groups.items())
+            ],
+            "scores": [
+                {"group": one.group, "judge": one.judge.value, "score": round(one.score, 2)}
+                for one in sorted(
+                    self.judgements.live(now_s), key=lambda one: (one.group, one.judge.value)
+                )
+            ],
+        }
+
+
+def _score(group: str, topics: tuple[str, ...], score: float) -> Mos:
+    message = Mos(identifier=Mos.HUMAN, group=group, topics=topics, score=score)
+    message.header.stamp.GetCurrentTime()
+    return message

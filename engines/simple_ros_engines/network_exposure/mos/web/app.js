@@ -1,0 +1,114 @@
+"use strict";
+const at = (id) => document.getElementById(id);
+const ticked = new Set();
+let socket = null;
+let drawnGroups = "";
+
+function make(tag, text, className) {
+  const made = document.createElement(tag);
+  if (text !== undefined && text !== null) made.textContent = text;
+  if (className) made.className = className;
+  return made;
+}
+
+function say(message) {
+  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+function rows(table, titles, items) {
+  const head = make("tr");
+  for (const title of titles) head.append(make("th", title));
+  table.replaceChildren(head, ...items);
+}
+
+function button(text, label, className, message) {
+  const made = make("button", text, className);
+  made.type = "button";
+  if (label) made.setAttribute("aria-label", label);
+  made.addEventListener("click", () => say(message));
+  return made;
+}
+
+function showTopics(topics) {
+  at("no-topics").hidden = topics.length > 0;
+  const old = new Map([...at("topics").querySelectorAll("input")].map((box) => [box.value, box]));
+  rows(at("topics"), ["", "Topic", "Hz", "B/s", "Jitter (ms)", "Score"], topics.map((topic) => {
+    const row = make("tr", null, topic.flowing ? "" : "silent");
+    let box = old.get(topic.name);
+    if (!box) {
+      box = make("input");
+      box.type = "checkbox";
+      box.value = topic.name;
+      box.setAttribute("aria-label", topic.name);
+      box.addEventListener("change", () => box.checked ? ticked.add(box.value) : ticked.delete(box.value));
+    }
+    box.checked = ticked.has(topic.name);
+    const cell = make("td");
+    cell.append(box);
+    const score = topic.score === null ? "" : topic.score.toFixed(2) + " (" + topic.judge + ")";
+    row.append(cell, make("td", topic.name), make("td", topic.rate.toFixed(1)), make("td", topic.bandwidth),
+      make("td", topic.jitter_ms.toFixed(1)), make("td", score));
+    return row;
+  }));
+}
+
+function showGroups(groups) {
+  at("no-groups").hidden = groups.length > 0;
+  const now = JSON.stringify(groups);
+  if (now === drawnGroups) return;
+  drawnGroups = now;
+  at("groups").replaceChildren(...groups.map((group) => {
+    const box = make("div", null, "group");
+    box.dataset.group = group.name;
+    box.append(make("h3", group.name), make("p", group.topics.join(", ")));
+    for (let stars = 1; stars <= 5; stars++) {
+      const label = stars + " of 5 for " + group.name;
+      const on = stars <= group.stars ? "star on" : "star";
+      box.append(button("★", label, on, { op: "rate", name: group.name, stars: stars }));
+    }
+    box.append(button("Take back", "", "", { op: "withdraw", name: group.name }),
+      button("Ungroup", "", "", { op: "ungroup", name: group.name }));
+    return box;
+  }));
+}
+
+function showScores(scores) {
+  rows(at("scores"), ["Group", "Score", "By"], scores.map((score) => {
+    const row = make("tr");
+    row.append(make("td", score.group), make("td", score.score.toFixed(2)), make("td", score.judge));
+    return row;
+  }));
+}
+
+function came(message) {
+  if (message.op === "answer") {
+    at("answer").textContent = message.message;
+    at("answer").className = message.ok ? "" : "bad";
+    return;
+  }
+  showTopics(message.topics);
+  showGroups(message.groups);
+  showScores(message.scores);
+}
+
+function connect() {
+  socket = new WebSocket(location.href.replace(/^http/, "ws").replace(/[?#].*$/, "").replace(/\/[^/]*$/, "/feed"));
+  socket.addEventListener("message", (event) => came(JSON.parse(event.data)));
+  socket.addEventListener("open", () => {
+    at("connection").textContent = "live";
+    at("connection").className = "badge good";
+  });
+  socket.addEventListener("close", () => {
+    at("connection").textContent = "not connected";
+    at("connection").className = "badge bad";
+    setTimeout(connect, 1000);
+  });
+}
+
+at("new-group").addEventListener("submit", (event) => {
+  event.preventDefault();
+  say({ op: "group", name: at("group-name").value, topics: [...ticked] });
+  ticked.clear();
+  at("group-name").value = "";
+});
+connect();

@@ -1,0 +1,1 @@
+"""Turtles on a plane: a small process with a closed control loop over the network."""
