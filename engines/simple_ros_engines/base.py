@@ -18,7 +18,7 @@ from simple_ros.engine import Engine
 from simple_ros.msg.wireless_ros_msgs import EngineStatus
 from simple_ros.msg.wireless_ros_msgs import Histogram as HistogramMessage
 from simple_ros.node import NodeHandle
-from simple_ros.qos import QosProfile
+from simple_ros.qos import Durability, QosProfile
 from simple_ros_engines.heartbeat import answer_heartbeats
 from simple_ros_engines.histogram import BOUNDS_MS, Histogram
 from simple_ros_engines.modes import Intake, IntervalControl, Mode, mode_of
@@ -86,12 +86,12 @@ class WirelessEngine(Engine, Generic[Item]):
         await self._declare_common(node)
         await self.set_up(node)
         await answer_heartbeats(node)
-        status = await node.advertise(
-            f"/{NAMESPACE}/status", EngineStatus, qos=QosProfile(depth=10)
-        )
-        heartbeat = Outlet(status)
-        node.create_timer(HEARTBEAT_S, lambda _: heartbeat.publish(self.status(node)))
+        # Latched and at once: the hub learns that the engine works whenever it comes to listen.
+        lasting = QosProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
+        heartbeat = Outlet(await node.advertise(f"/{NAMESPACE}/status", EngineStatus, qos=lasting))
         self.state = "active" if self.state == "starting" else self.state
+        heartbeat.publish(self.status(node))
+        node.create_timer(HEARTBEAT_S, lambda _: heartbeat.publish(self.status(node)))
         ticking = asyncio.create_task(self._tick(node))
         try:
             await self.work(node)

@@ -40,6 +40,7 @@ class Steering:
         on_trouble: Callable[[str, str], None],
     ) -> None:
         self.base: dict[str, dict[str, Any]] = {name: dict(known) for name, known in base.items()}
+        self._ours: dict[str, dict[str, Any]] = {}
         self._node = node
         self._on_trouble = on_trouble
         self._breakers: dict[str, CircuitBreaker] = {}
@@ -75,9 +76,14 @@ class Steering:
         now = dict(await self._node.get_parameter(group, {}))
         if engine not in self.base:
             self.base[engine] = {name: now[name] for name in _NAMED[engine] if name in now}
+        # What is not as it was set here, somebody chose meanwhile: that is what to come back to.
+        for name, value in self._ours.get(engine, {}).items():
+            if now.get(name, value) != value:
+                self.base[engine][name] = now[name]
         changes = changes_for(policy, engine, self.base[engine], now)
         if changes:
             await self._node.set_parameters({f"{group}/{key}": v for key, v in changes.items()})
+        self._ours[engine] = {**self.base[engine], **POLICY_PARAMETERS[policy].get(engine, {})}
         if not POLICY_PARAMETERS[policy].get(engine):
             # Nothing is overruled now: what somebody sets from here on is what to come back to.
-            del self.base[engine]
+            del self.base[engine], self._ours[engine]

@@ -21,7 +21,7 @@ from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher
 from simple_ros_engines.base import NAMESPACE
 from simple_ros_engines.cross_domain.adaptation import RateGate, scaled, voxels
-from simple_ros_engines.cross_domain.jpeg import JPEG_STEPS, JpegLadder, pillow, to_jpeg
+from simple_ros_engines.cross_domain.jpeg import JpegLadder, pillow, to_jpeg
 from simple_ros_engines.cross_domain.sensing import voxel_leaf_m
 from simple_ros_engines.cross_domain.treatment import FlowBudget, Treatment, TreatmentJudge
 from simple_ros_engines.marking import marked
@@ -158,8 +158,10 @@ class TopicBridge(Engine):
         self.judge.strategy(strategy.compression_ratio, now_s)
         heard = [flow for flow in self.flows.values() if self._is_heard(flow)]
         rate_bps = self._share * strategy.rate_bps / max(1, len(heard))
+        # A rate of 0 with blocks to use says nothing; without any it is the hub's refusal.
+        is_told = rate_bps > 0 or strategy.prb == 0
         for flow in self.flows.values():
-            flow.budget.rate_bps = rate_bps if rate_bps > 0 else math.inf
+            flow.budget.rate_bps = rate_bps if is_told else math.inf
             flow.ladder.want(strategy.compression_ratio or 1.0, now_s)
         done = self.judge.treatment
         told = [f"ratio {done.ratio:.2f}, {rate_bps / 1e6:.2f} Mbit/s a topic"]
@@ -182,11 +184,8 @@ class TopicBridge(Engine):
         flow.budget.came(now_s)
         if not self._is_heard(flow):
             return
-        treatment = self.judge.treatment
-        rate_hz = treatment.rate_hz
-        if flow.jpeg is None or treatment.is_untouched:
-            # What cannot be made smaller must be sent less often.
-            rate_hz = flow.budget.rate_hz(rate_hz)
+        # What cannot be made smaller, or not at once, must be sent less often.
+        rate_hz = flow.budget.rate_hz(self.judge.treatment.rate_hz)
         flow.gate.rate_hz = 0.0 if math.isinf(rate_hz) else rate_hz
         if flow.busy or not flow.gate.passes(now_s):
             return
@@ -211,16 +210,15 @@ class TopicBridge(Engine):
     async def _send_jpeg(
         self, flow: _Flow, jpeg: Publisher[CompressedImage], data: bytes, treatment: Treatment
     ) -> None:
-        quality = JPEG_STEPS[0] if treatment.is_untouched else flow.ladder.quality
-        out = await asyncio.to_thread(_jpeg, data, treatment.scale, quality)
+        out = await asyncio.to_thread(_jpeg, data, treatment.scale, flow.ladder.quality)
         if out is None:
             # Nothing that JPEG knows: better the picture as it is than none.
             await self._send(flow, data, None)
             return
         flow.sent(out)
         jpeg.publish_bytes(out)
-        if not treatment.is_untouched:
-            flow.ladder.produced(len(out), flow.budget.message_bytes(treatment.rate_hz))
+        # Also on a healthy link: one of few blocks is healthy and narrow.
+        flow.ladder.produced(len(out), flow.budget.message_bytes(treatment.rate_hz))
 
     async def _cloud_came(self, flow: _Flow, data: bytes) -> None:
         treatment = self.judge.treatment

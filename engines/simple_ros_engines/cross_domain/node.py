@@ -92,8 +92,9 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         )
         self._way = await node.advertise(f"/{NAMESPACE}/comm_aware_path", Path, qos=_LATCHED)
         self._limits = await outlet(node, "control_limits", ControlLimits)
-        await self._subscribe(node)
+        # Before anything comes: a decision is handed to the navigation stack, too.
         await self._meet_navigation(node)
+        await self._subscribe(node)
         await report_health(node, self)
         await node.advertise_service(
             f"/{NAMESPACE}/optimize_path", OptimizePath, self._optimize_path

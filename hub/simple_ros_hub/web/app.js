@@ -30,12 +30,8 @@ function choice(options, value, chosen) {
   const select = make("select");
   for (const option of options) select.append(make("option", option));
   select.value = value;
-  select.addEventListener("change", () => chosen(select.value));
+  select.addEventListener("change", () => { chosen(select.value); select.blur(); });
   return select;
-}
-
-function isUsed(table) {
-  return table.contains(document.activeElement) && document.activeElement.tagName === "SELECT";
 }
 
 function rows(table, titles, items) {
@@ -44,29 +40,65 @@ function rows(table, titles, items) {
   table.replaceChildren(head, ...items);
 }
 
+function cell(row, title, text, className) {
+  const made = make("td", text, className);
+  made.dataset.title = title;
+  row.append(made);
+  return made;
+}
+
+/* Rows stay as long as their component: a button must not be replaced under somebody's finger. */
+const componentRows = new Map();
+const KINDS = { active: "good", starting: "warn", waiting: "warn", degraded: "warn", stopped: "warn" };
+
+function componentRow(item) {
+  const row = make("tr");
+  row.id = "component-" + item.name;
+  cell(row, "", item.name, "name");
+  const made = { row, state: cell(row, "State") };
+  const mode = cell(row, "Mode");
+  if (ENGINES.includes(item.name)) {
+    made.mode = choice(MODES, item.mode, (value) => say({ op: "mode", engine: item.name, mode: value }));
+    made.mode.setAttribute("aria-label", "Mode of " + item.name);
+    mode.append(made.mode);
+  }
+  made.button = make("button");
+  made.button.addEventListener("click", () => say({ op: "component", name: item.name, action: made.button.textContent }));
+  cell(row, "").append(made.button);
+  made.cpu = cell(row, "CPU");
+  made.memory = cell(row, "MB");
+  made.restarts = cell(row, "Restarts");
+  made.message = cell(row, "", "", "message");
+  return made;
+}
+
+function put(element, text) {
+  if (element.textContent !== String(text)) element.textContent = text;
+}
+
 function showComponents(components) {
-  const table = at("components");
-  if (isUsed(table)) return;
-  const kinds = { active: "good", starting: "warn", waiting: "warn", degraded: "warn", stopped: "warn" };
-  rows(table, ["Name", "State", "Mode", "", "CPU", "MB", "Restarts", ""], components.map((item) => {
-    const row = make("tr");
-    row.append(make("td", item.name));
-    row.append(make("td", item.state, (kinds[item.state] || "bad") + "-text"));
-    const mode = make("td");
-    if (ENGINES.includes(item.name) && MODES.includes(item.mode)) {
-      mode.append(choice(MODES, item.mode, (value) => say({ op: "mode", engine: item.name, mode: value })));
+  const names = components.map((item) => item.name).join();
+  if (at("components").dataset.names !== names) {
+    componentRows.clear();
+    for (const item of components) componentRows.set(item.name, componentRow(item));
+    rows(at("components"), ["Name", "State", "Mode", "", "CPU", "MB", "Restarts", ""],
+      [...componentRows.values()].map((made) => made.row));
+    at("components").dataset.names = names;
+  }
+  for (const item of components) {
+    const made = componentRows.get(item.name);
+    put(made.state, item.state);
+    made.state.className = (KINDS[item.state] || "bad") + "-text";
+    if (made.mode) {
+      made.mode.disabled = !MODES.includes(item.mode);
+      if (document.activeElement !== made.mode) made.mode.value = item.mode;
     }
-    row.append(mode);
-    const isOff = ["stopped", "given up"].includes(item.state);
-    const action = isOff ? "start" : "stop";
-    const buttons = make("td");
-    const button = make("button", action);
-    button.addEventListener("click", () => say({ op: "component", name: item.name, action }));
-    buttons.append(button);
-    row.append(buttons, make("td", item.cpu_percent + " %"), make("td", item.memory_mb));
-    row.append(make("td", item.restarts), make("td", item.message, "message"));
-    return row;
-  }));
+    put(made.button, ["stopped", "given up"].includes(item.state) ? "start" : "stop");
+    put(made.cpu, item.cpu_percent + " %");
+    put(made.memory, item.memory_mb);
+    put(made.restarts, item.restarts);
+    put(made.message, item.message);
+  }
 }
 
 function showLinks(links) {
@@ -74,7 +106,7 @@ function showLinks(links) {
   rows(at("links"), titles, links.map((link) => {
     const row = make("tr");
     const values = [link.link, link.quality, link.snr_db, link.bler, link.rtt_ms, link.mbps, link.available_mbps];
-    for (const value of values) row.append(make("td", value === null ? "–" : value));
+    values.forEach((value, index) => cell(row, index ? titles[index] : "", value === null ? "–" : value, index ? "" : "name"));
     return row;
   }));
 }
@@ -124,14 +156,8 @@ function showEvents(events) {
   while (list.children.length > 200) list.lastChild.remove();
 }
 
-function showMap(pose) {
-  at("map-section").hidden = !grid;
-  if (!grid) return;
-  const canvas = at("map");
-  canvas.width = grid.width;
-  canvas.height = grid.height;
-  const context = canvas.getContext("2d");
-  const image = context.createImageData(grid.width, grid.height);
+function mapImage() {
+  const image = new ImageData(grid.width, grid.height);
   const cells = atob(grid.cells);
   for (let y = 0; y < grid.height; y++) {
     for (let x = 0; x < grid.width; x++) {
@@ -142,14 +168,30 @@ function showMap(pose) {
       image.data.set([...color, 255], to);
     }
   }
-  context.putImageData(image, 0, 0);
-  if (pose) {
-    const x = (pose[0] - grid.origin[0]) / grid.resolution;
-    const y = grid.height - (pose[1] - grid.origin[1]) / grid.resolution;
-    context.fillStyle = "#fff";
-    context.fillRect(x - 2, y - 2, 5, 5);
-    context.fillStyle = "#06f";
-    context.fillRect(x - 1, y - 1, 3, 3);
+  return image;
+}
+
+function showMap(pose) {
+  at("map-section").hidden = !grid;
+  if (!grid) return;
+  const zoom = Math.max(1, Math.floor(400 / Math.max(grid.width, grid.height)));
+  const plain = new OffscreenCanvas(grid.width, grid.height);
+  plain.getContext("2d").putImageData(mapImage(), 0, 0);
+  const canvas = at("map");
+  canvas.width = grid.width * zoom;
+  canvas.height = grid.height * zoom;
+  const context = canvas.getContext("2d");
+  context.imageSmoothingEnabled = false;
+  context.drawImage(plain, 0, 0, canvas.width, canvas.height);
+  at("map-text").textContent = pose ? `Robot at ${pose[0].toFixed(1)}, ${pose[1].toFixed(1)} m` : "Nobody says where the robot is.";
+  if (!pose) return;
+  const x = zoom * (pose[0] - grid.origin[0]) / grid.resolution;
+  const y = canvas.height - zoom * (pose[1] - grid.origin[1]) / grid.resolution;
+  for (const [size, color] of [[7, "#fff"], [5, "#06f"]]) {
+    context.fillStyle = color;
+    context.beginPath();
+    context.arc(x, y, size, 0, 2 * Math.PI);
+    context.fill();
   }
 }
 
