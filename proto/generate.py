@@ -126,7 +126,7 @@ def facade_source(file: FileDescriptorProto) -> str:
     messages = [message.name for message in file.message_type]
     types = messages + [e.name for e in file.enum_type]
     # The order of ruff's import rule: constants before classes, numbers inside names by value.
-    names = sorted(values, key=_natural) + sorted(types, key=_natural)
+    names = sorted(values, key=_natural) + sorted(types, key=lambda name: _natural(name.lower()))
     imports = "".join(f"    {name},\n" for name in names)
     joined = {**_joined(messages, "ServiceType"), **_joined(messages, "ActionType")}
     kinds = sorted({kind for kind, _ in joined.values()})

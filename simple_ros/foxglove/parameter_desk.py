@@ -9,7 +9,7 @@ from typing import Any
 
 import grpc
 
-from simple_ros.errors import SimpleRosError
+from simple_ros.errors import MasterUnavailable, SimpleRosError
 from simple_ros.foxglove import frames
 from simple_ros.foxglove.access import Access
 from simple_ros.foxglove.client import Client
@@ -93,7 +93,9 @@ class ParameterDesk:
 
     async def _values(self, client: Client, names: Iterable[str] | None) -> dict[str, Value]:
         """Values of the parameters of these names that there are; of all for None."""
-        calls = ParameterCalls(self._node.client)
+        asked = self._node.client
+        calls = ParameterCalls(asked)
+        names = None if names is None else list(names)
         try:
             if names is None:
                 wants = self._access.parameters.wants
@@ -107,6 +109,9 @@ class ParameterDesk:
             # Apps ask every 15 s: that a C++ Master keeps no parameters is no error each time.
             return {}
         except (SimpleRosError, grpc.aio.AioRpcError) as error:
+            if isinstance(error, MasterUnavailable) and self._node.client is not asked:
+                # The node dials anew when it learns of what kind its Master is.
+                return await self._values(client, names)
             self._complain(client, f"Parameters cannot be read: {one_line(error)}")
             return {}
 
