@@ -240,7 +240,11 @@ class TestResolve:
     def test_two_types_of_one_name_are_both_suggested(self) -> None:
         with pytest.raises(UnknownMessageType) as caught:
             resolve_type_name("Pose")
-        assert caught.value.suggestions == ("geometry_msgs.Pose", "ustc.Pose")
+        assert caught.value.suggestions == (
+            "geometry_msgs.Pose",
+            "turtlesim_msgs.Pose",
+            "ustc.Pose",
+        )
 
     @pytest.mark.parametrize("spelling", ["", "/", "geometry_msgs", "geometry_msgs/Twisted/Twist"])
     def test_nonsense_is_refused(self, spelling: str) -> None:

@@ -1,6 +1,6 @@
 """The environment for other people's algorithms: Gymnasium (one topic) and PettingZoo (all of them).
 
-Both packages are optional: ``pip install gymnasium pettingzoo``. Episodes end by truncation only; the process goes on, and
+Both packages are optional: ``pip install 'simple-ros[learning]'``. Episodes end by truncation only; the process goes on, and
 ``reset`` puts no knob back, so the value of what follows counts as the paper's settings have it.
 """
 
@@ -36,7 +36,7 @@ class ExtraMissing(SimpleRosError, ImportError):
         self.package = package
         super().__init__(
             f"{package} is not installed; the agent that comes with the maximizer needs nothing, for "
-            f"others: pip install gymnasium pettingzoo"
+            "others: pip install 'simple-ros[learning]'"
         )
 
 
