@@ -216,6 +216,9 @@ class ShmListener(UnixListener):
             logger.debug("a connection brought no shared memory: %s", error)
             connection.close()
             return
+        except asyncio.CancelledError:
+            connection.close()
+            raise
 
         def accept() -> asyncio.BufferedProtocol:
             link: Any = self._accept()
@@ -223,6 +226,12 @@ class ShmListener(UnixListener):
             return link  # type: ignore[no-any-return]
 
         await self._attach(accept, connection)
+
+    async def close(self) -> None:
+        """Take no more; who has not greeted yet is not waited for."""
+        for task in self._accepting:
+            task.cancel()
+        await super().close()
 
     async def _greeted(self, connection: socket.socket) -> tuple[Window, int]:
         readable = asyncio.Event()

@@ -255,3 +255,18 @@ async def test_nothing_is_left_open_when_nodes_have_come_and_gone(master: Master
     for _ in range(5):
         await once()
     await until(lambda: open_files() <= before)
+
+
+async def test_a_stranger_who_says_nothing_does_not_hold_up_the_end(master: Master) -> None:
+    async with NodeHandle("viewer", master=master.address, transports=SHM) as viewer:
+        await viewer.subscribe("image", LargeImage)
+        (address,) = [
+            each for each in viewer.identity.node_info().addresses if each.startswith("shm:")
+        ]
+        reader, writer = await asyncio.open_unix_connection(unix_path(address))
+        # The node has accepted it: nothing else waits for a greeting here.
+        await until(lambda: any("_take" in repr(task) for task in asyncio.all_tasks()))
+        async with asyncio.timeout(2):
+            await viewer.close()
+        assert await asyncio.wait_for(reader.read(), 5) == b""
+        writer.close()
