@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 from simple_ros.errors import SimpleRosError
-from simple_ros_engines.radio_information.sources.base import Emit, MetricsSource, SourceDown
+from simple_ros_engines.radio_information.sources.base import SourceDown
 from simple_ros_engines.radio_information.sources.field_maps import (
     NewestPoints,
     RawPoint,
     preset,
 )
 from simple_ros_engines.radio_information.sources.http import HttpServer, basic_authorization
+from simple_ros_engines.radio_information.sources.polled import PolledDatabase
 
 __all__ = ["BadAnswer", "Influx1Source", "influxql_of_newest", "parse_series"]
 
@@ -23,7 +23,7 @@ class BadAnswer(SimpleRosError, ValueError):
     """What a server said is no answer to the question."""
 
 
-class Influx1Source(MetricsSource):
+class Influx1Source(PolledDatabase):
     """A measurement of an InfluxDB 1 server.
 
     Args:
@@ -50,11 +50,10 @@ class Influx1Source(MetricsSource):
         period_s: float = 0.2,
         window_s: float = 2.0,
     ) -> None:
-        self.period_s = period_s
         mapping = preset(fields)
+        super().__init__(NewestPoints(mapping, "influx1"), period_s)
         name = measurement or mapping.measurement
         self._tag = mapping.rnti_tag
-        self._newest = NewestPoints(mapping, "influx1")
         self._common = {"db": database, "epoch": "ns"}
         self._last = influxql_of_newest(name, self._tag, window_s)
         self._minute = influxql_of_newest(name, self._tag, 60.0)
@@ -63,27 +62,13 @@ class Influx1Source(MetricsSource):
             headers["Authorization"] = basic_authorization(user, password)
         self._server = HttpServer(url, headers)
 
-    async def run(self, emit: Emit) -> None:
-        """Give each device's newest point once.
+    async def last_points(self) -> list[RawPoint]:
+        """Ask for them."""
+        return await self._points(self._last)
 
-        Raises:
-            SourceDown: The server does not answer, or refuses.
-        """
-        while True:
-            for item in self._newest.fresh(await self._points(self._last)):
-                if item is None:
-                    self.malformed += 1
-                else:
-                    emit(item)
-            await asyncio.sleep(self.period_s)
-
-    async def discover(self) -> frozenset[str]:
-        """Devices with a point in the last minute.
-
-        Raises:
-            SourceDown: The server does not answer, or refuses.
-        """
-        return self._newest.links(point.rnti for point in await self._points(self._minute))
+    async def points_of_a_minute(self) -> list[RawPoint]:
+        """Ask for them."""
+        return await self._points(self._minute)
 
     async def _points(self, query: str) -> list[RawPoint]:
         text = await self._server.ask("/query", {**self._common, "q": query})

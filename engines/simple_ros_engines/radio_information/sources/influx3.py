@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
-from simple_ros_engines.radio_information.sources.base import Emit, MetricsSource
 from simple_ros_engines.radio_information.sources.field_maps import (
     NewestPoints,
     RawPoint,
     preset,
 )
 from simple_ros_engines.radio_information.sources.http import HttpServer
+from simple_ros_engines.radio_information.sources.polled import PolledDatabase
 from simple_ros_engines.store.annotated_csv import stamp_of_text
 
 __all__ = ["Influx3Source", "parse_rows", "sql_of_newest"]
@@ -21,7 +20,7 @@ __all__ = ["Influx3Source", "parse_rows", "sql_of_newest"]
 _RANK = "newest_first"
 
 
-class Influx3Source(MetricsSource):
+class Influx3Source(PolledDatabase):
     """A table of an InfluxDB 3 server, such as that of srsRAN's containers.
 
     Args:
@@ -46,11 +45,10 @@ class Influx3Source(MetricsSource):
         period_s: float = 0.5,
         window_s: float = 3.0,
     ) -> None:
-        self.period_s = period_s
         mapping = preset(fields)
+        super().__init__(NewestPoints(mapping, "influx3"), period_s)
         name = measurement or mapping.measurement
         self._tag = mapping.rnti_tag
-        self._newest = NewestPoints(mapping, "influx3")
         self._last = _body(database, sql_of_newest(name, self._tag, window_s))
         self._minute = _body(database, sql_of_newest(name, self._tag, 60.0))
         headers = {"Content-Type": "application/json", "Accept": "application/jsonl"}
@@ -58,27 +56,13 @@ class Influx3Source(MetricsSource):
             headers["Authorization"] = f"Bearer {token}"
         self._server = HttpServer(url, headers)
 
-    async def run(self, emit: Emit) -> None:
-        """Give each device's newest point once.
+    async def last_points(self) -> list[RawPoint]:
+        """Ask for them."""
+        return await self._points(self._last)
 
-        Raises:
-            SourceDown: The server does not answer, or refuses.
-        """
-        while True:
-            for item in self._newest.fresh(await self._points(self._last)):
-                if item is None:
-                    self.malformed += 1
-                else:
-                    emit(item)
-            await asyncio.sleep(self.period_s)
-
-    async def discover(self) -> frozenset[str]:
-        """Devices with a point in the last minute.
-
-        Raises:
-            SourceDown: The server does not answer, or refuses.
-        """
-        return self._newest.links(point.rnti for point in await self._points(self._minute))
+    async def points_of_a_minute(self) -> list[RawPoint]:
+        """Ask for them."""
+        return await self._points(self._minute)
 
     async def _points(self, body: bytes) -> list[RawPoint]:
         found = []
