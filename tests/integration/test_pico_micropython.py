@@ -50,6 +50,21 @@ STANDARD = {
 }
 
 
+async def write_all(descriptor: int, data: bytes) -> None:
+    """Writes without blocking, however full the line is: both ends need this loop or the board to read it."""
+    loop = asyncio.get_running_loop()
+    while data:
+        try:
+            data = data[os.write(descriptor, data) :]
+        except BlockingIOError:
+            room = asyncio.Event()
+            loop.add_writer(descriptor, room.set)
+            try:
+                await room.wait()
+            finally:
+                loop.remove_writer(descriptor)
+
+
 class Board:
     """A process of MicroPython whose stdin and stdout are a serial port."""
 
@@ -59,11 +74,11 @@ class Board:
         self._theirs = theirs
         self.path = os.ttyname(theirs)
 
-    def noise_to_bridge(self, data: bytes) -> None:
-        os.write(self._ours, data)
+    async def noise_to_bridge(self, data: bytes) -> None:
+        await write_all(self._ours, data)
 
-    def noise_to_board(self, data: bytes) -> None:
-        os.write(self._theirs, data)
+    async def noise_to_board(self, data: bytes) -> None:
+        await write_all(self._theirs, data)
 
 
 @asynccontextmanager
@@ -72,6 +87,7 @@ async def running_board() -> AsyncIterator[Board]:
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     os.set_blocking(ours, False)
+    os.set_blocking(theirs, False)
     process = await asyncio.create_subprocess_exec(
         MICROPYTHON, *HEAP, "main.py", cwd=FOLDER, stdin=ours, stdout=ours
     )
@@ -182,8 +198,8 @@ async def test_garbage_on_the_line(master: Master) -> None:
         joints: list[JointState] = await collect(looker, "joint_states", JointState)
         await until(lambda: len(joints) > 10, "samples")
         for _ in range(100):
-            board.noise_to_board(rng.randbytes(500))
-            board.noise_to_bridge(rng.randbytes(50))
+            await board.noise_to_board(rng.randbytes(500))
+            await board.noise_to_bridge(rng.randbytes(50))
             seen = len(joints)
             await until(lambda seen=seen: len(joints) > seen, "a sample")  # type: ignore[misc]
         commands = await looker.advertise("cmd_vel", Twist)
@@ -196,5 +212,5 @@ async def test_garbage_on_the_line(master: Master) -> None:
 
 async def test_ctrl_c_ends_it_when_nobody_talks_to_it() -> None:
     async with running_board() as board:
-        board.noise_to_board(b"\r\x03")
+        await board.noise_to_board(b"\r\x03")
         assert await asyncio.wait_for(board.process.wait(), 10) == 0
