@@ -80,7 +80,7 @@ class _Decoder:
 
     def __call__(self, data: Any) -> Any:
         try:
-            return self.codec.decode(data, self.message_class)
+            return self.codec.decode(memoryview(data), self.message_class)
         except ValueError as error:
             raise DecodeError(str(error)) from error
 

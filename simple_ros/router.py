@@ -18,7 +18,7 @@ from google.protobuf.message import DecodeError
 from simple_ros.names import canonical
 from simple_ros.net.feeder import Source
 from simple_ros.qos import Durability, QosProfile
-from simple_ros.wire.framing import Run, header_names
+from simple_ros.wire.framing import Payload, Run, header_names
 
 __all__ = ["BadMessages", "Route", "Router", "Sink"]
 
@@ -46,9 +46,9 @@ class Sink(Protocol):
 
     def take_payloads(
         self,
-        payloads: list[memoryview],
+        payloads: list[Payload],
         parse: Callable[[Any], Any],
-        unparsable: Callable[[memoryview, DecodeError], None],
+        unparsable: Callable[[Payload, DecodeError], None],
     ) -> None:
         """Messages that are still to be parsed; only called if `takes_payloads`."""
 
@@ -71,7 +71,7 @@ class Sink(Protocol):
 class Lane(Protocol):
     """Where the frames of one link with one header go."""
 
-    def offer(self, payloads: list[memoryview], resume: Callable[[], None], *, force: bool) -> int:
+    def offer(self, payloads: list[Payload], resume: Callable[[], None], *, force: bool) -> int:
         """Take frames; see `Receiver.receive`."""
 
     def oversized(self, size: int) -> None:
@@ -169,7 +169,7 @@ class Route:
         """A message was too large."""
         self._bad.add("oversized", self.topic, f"{size} bytes are over the limit")
 
-    def offer(self, payloads: list[memoryview], resume: Callable[[], None], *, force: bool) -> int:
+    def offer(self, payloads: list[Payload], resume: Callable[[], None], *, force: bool) -> int:
         """Deliver as much as the queues take; see `Receiver.receive`."""
         if self._all_direct:
             self.deliver(payloads)
@@ -220,7 +220,7 @@ class Route:
                     self._deliver_to(sink, memoryview(encode(message)))
         return taken
 
-    def deliver(self, payloads: list[memoryview]) -> None:
+    def deliver(self, payloads: list[Payload]) -> None:
         """Parse once and hand to every subscription; the views end with the call."""
         if self._latches and payloads:
             self._last = bytes(payloads[-1])
@@ -237,7 +237,7 @@ class Route:
         for payload in payloads:
             self._deliver_to_each(payload)
 
-    def _batch(self, sink: Sink, payloads: list[memoryview]) -> list[Any]:
+    def _batch(self, sink: Sink, payloads: list[Payload]) -> list[Any]:
         parse = self._parsers[sink]
         try:
             return [parse(payload) for payload in payloads]
@@ -245,7 +245,7 @@ class Route:
             parsed = (self._parsed(parse, payload) for payload in payloads)
             return [message for message in parsed if message is not None]
 
-    def _deliver_to_each(self, payload: memoryview) -> None:
+    def _deliver_to_each(self, payload: Payload) -> None:
         """To several subscriptions: those that want the same class get the same object."""
         made: dict[Callable[[Any], Any], Any] = {}
         for sink in self.sinks:
@@ -257,7 +257,7 @@ class Route:
             if made[parse] is not None:
                 self._hand(sink, made[parse], len(payload))
 
-    def _deliver_to(self, sink: Sink, payload: memoryview) -> None:
+    def _deliver_to(self, sink: Sink, payload: Payload) -> None:
         message = self._parsed(self._parsers[sink], payload)
         if message is not None:
             self._hand(sink, message, len(payload))
@@ -268,7 +268,7 @@ class Route:
         else:
             sink.take(message, size)
 
-    def _parsed(self, parse: Callable[[Any], Any], payload: memoryview) -> Any:
+    def _parsed(self, parse: Callable[[Any], Any], payload: Payload) -> Any:
         """The message, or None if it cannot be parsed, which is counted."""
         try:
             return parse(payload)
@@ -276,7 +276,7 @@ class Route:
             self._unparsable(payload, error)
             return None
 
-    def _deliver_to_one(self, sink: Sink, payloads: list[memoryview]) -> None:
+    def _deliver_to_one(self, sink: Sink, payloads: list[Payload]) -> None:
         parse, take = self._parsers[sink], sink.take
         for payload in payloads:
             try:
@@ -286,7 +286,7 @@ class Route:
                 continue
             take(message, len(payload))
 
-    def _unparsable(self, payload: memoryview, error: DecodeError) -> None:
+    def _unparsable(self, payload: Payload, error: DecodeError) -> None:
         detail = f"{len(payload)} bytes are no {self.msg_type} ({error})"
         self._bad.add("unparsable", self.topic, detail)
 

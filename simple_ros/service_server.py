@@ -34,7 +34,7 @@ from simple_ros.wire.calls import (
     unpack_cancel,
     unpack_request,
 )
-from simple_ros.wire.framing import encode_header
+from simple_ros.wire.framing import Payload, encode_header
 
 if TYPE_CHECKING:
     from simple_ros.node import NodeHandle
@@ -295,7 +295,7 @@ class ServiceLane:
         self._header = encode_header(name, RESPONSE_TYPE)
         self._batch: list[bytes] | None = None
 
-    def offer(self, payloads: list[memoryview], resume: Callable[[], None], *, force: bool) -> int:  # noqa: ARG002
+    def offer(self, payloads: list[Payload], resume: Callable[[], None], *, force: bool) -> int:  # noqa: ARG002
         """Requests; see `simple_ros.router.Lane`."""
         requests = []
         for data in payloads:
@@ -385,7 +385,7 @@ class _CancelLane:
     def __init__(self, lane: ServiceLane) -> None:
         self._lane = lane
 
-    def offer(self, payloads: list[memoryview], resume: Callable[[], None], *, force: bool) -> int:  # noqa: ARG002
+    def offer(self, payloads: list[Payload], resume: Callable[[], None], *, force: bool) -> int:  # noqa: ARG002
         for data in payloads:
             try:
                 self._lane.take_back(unpack_cancel(data))

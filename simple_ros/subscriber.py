@@ -28,6 +28,7 @@ from simple_ros.errors import HandleClosed, NodeNameTaken
 from simple_ros.events import DeadlineMissed, LivelinessChanged, QosEvent, QosEventCallback
 from simple_ros.qos import Liveliness, QosProfile
 from simple_ros.watch import Watchdog
+from simple_ros.wire.framing import Payload
 from simple_ros.wire.queues import BoundedQueue
 
 if TYPE_CHECKING:
@@ -138,9 +139,9 @@ class Subscriber(Generic[MessageT]):
 
     def take_payloads(
         self,
-        payloads: list[memoryview],
+        payloads: list[Payload],
         parse: Callable[[Any], Any],
-        unparsable: Callable[[memoryview, DecodeError], None],
+        unparsable: Callable[[Payload, DecodeError], None],
     ) -> None:
         """What one read of a link brought, still to be parsed (called by the router, if `takes_payloads`)."""
         callback: Any = self._callback

@@ -28,7 +28,7 @@ from simple_ros.wire.calls import (
     pack_request,
     unpack_response,
 )
-from simple_ros.wire.framing import FrameDecoder, encode_frame, encode_header
+from simple_ros.wire.framing import FrameDecoder, Payload, encode_frame, encode_header
 
 __all__ = ["DirectLink"]
 
@@ -122,7 +122,7 @@ class DirectLink:
         for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
             sock.setsockopt(socket.SOL_SOCKET, option, value)
 
-    def _answer(self, sock: socket.socket, due: float | None) -> tuple[int, memoryview]:
+    def _answer(self, sock: socket.socket, due: float | None) -> tuple[int, Payload]:
         while True:
             size = sock.recv_into(self._decoder.get_buffer())
             if not size:

@@ -31,6 +31,7 @@ from simple_ros.wire.calls import (
 from simple_ros.wire.framing import (
     DEFAULT_MAX_MESSAGE_BYTES,
     FrameDecoder,
+    Payload,
     encode_frame,
     encode_header,
 )
@@ -272,7 +273,7 @@ class ProviderLink(asyncio.BufferedProtocol):
             )
             self._transport.abort()
 
-    def _answered(self, data: memoryview) -> None:
+    def _answered(self, data: Payload) -> None:
         try:
             number, status, payload = unpack_response(data)
         except ValueError as error:

@@ -20,6 +20,8 @@ from enum import IntEnum
 from struct import Struct
 from typing import Generic, NamedTuple, TypeVar
 
+from simple_ros.wire.framing import Payload
+
 __all__ = [
     "CANCEL_TYPE",
     "REQUEST_TYPE",
@@ -74,7 +76,7 @@ class Request(NamedTuple):
     id: int
     timeout_s: float | None
     priority: int
-    payload: memoryview
+    payload: Payload
 
 
 def pack_request(number: int, timeout_s: float | None, priority: int, payload: bytes) -> bytes:
@@ -83,7 +85,7 @@ def pack_request(number: int, timeout_s: float | None, priority: int, payload: b
     return _REQUEST.pack(number, left_ms, priority) + payload
 
 
-def unpack_request(data: memoryview) -> Request:
+def unpack_request(data: Payload) -> Request:
     """Read the data of a request frame.
 
     Raises:
@@ -100,7 +102,7 @@ def pack_response(number: int, status: int, payload: bytes) -> bytes:
     return _RESPONSE.pack(number, status) + payload
 
 
-def unpack_response(data: memoryview) -> tuple[int, int, memoryview]:
+def unpack_response(data: Payload) -> tuple[int, int, Payload]:
     """Read the data of a response frame: id, status, payload.
 
     Raises:
@@ -117,7 +119,7 @@ def pack_cancel(number: int) -> bytes:
     return _CANCEL.pack(number)
 
 
-def unpack_cancel(data: bytes | memoryview) -> int:
+def unpack_cancel(data: Payload) -> int:
     """Read the data of a cancel frame.
 
     Raises:

@@ -76,6 +76,36 @@ def test_run_keeps_messages_of_one_header_together() -> None:
     assert [bytes(view) for view in run.payloads] == [b"\0", b"\1", b"\2", b"\3", b"\4"]
 
 
+few = st.sampled_from([b"", b"x", b"1" * 40, b"2" * 40, encode_header("a", "b") + b"\0\0\0\0"])
+like = st.lists(st.tuples(st.sampled_from("ac"), st.sampled_from("bd"), few), max_size=4)
+
+
+@given(st.lists(st.tuples(like, st.integers(1, 9)), max_size=9), st.lists(st.integers(0, 400)))
+def test_streaks_of_equal_frames_in_any_chunking(
+    streaks: list[tuple[list[tuple[str, str, bytes]], int]], sizes: list[int]
+) -> None:
+    sent = [item for items, times in streaks for item in items * times]
+    stream = b"".join(encode_frame(encode_header(t, m), data) for t, m, data in sent)
+    decoder = FrameDecoder()
+    assert decode(decoder, cut(stream, sizes)) == sent
+    assert not decoder.mid_message
+
+
+@pytest.mark.parametrize("odd", ["a", "c"])
+def test_one_frame_of_another_topic_or_size_among_equal_ones(odd: str) -> None:
+    sent = [("a", "b", bytes([i])) for i in range(20)]
+    sent[11] = (odd, "b", b"odd" if odd == "a" else b"o")
+    stream = b"".join(encode_frame(encode_header(t, m), data) for t, m, data in sent)
+    assert decode(FrameDecoder(), [stream]) == sent
+
+
+def test_payload_that_looks_like_a_frame_is_not_one() -> None:
+    frame = encode_frame(encode_header("a", "b"), b"12")
+    sent = [("a", "b", frame)] * 7
+    stream = b"".join(encode_frame(encode_header(t, m), data) for t, m, data in sent)
+    assert decode(FrameDecoder(), [stream]) == sent
+
+
 def test_header_that_continues_an_old_one_is_told_apart() -> None:
     sent = [("a", "b", b"x" * 9), ("a", "bc", b"y"), ("a", "b", b""), ("", "", b"z")]
     stream = b"".join(encode_frame(encode_header(t, m), data) for t, m, data in sent)
