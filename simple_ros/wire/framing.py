@@ -17,7 +17,7 @@ out by many; larger payloads are never copied. Measured, that is what makes rece
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from struct import Struct
 from typing import NamedTuple
@@ -152,6 +152,8 @@ class FrameDecoder:
         self._peak = 0
         self._drain = 0
         self._header = b""
+        self._alone = b""
+        self._alone_bytes = -1
         self._lent = False
         self._retired: list[bytearray] = []
 
@@ -197,11 +199,24 @@ class FrameDecoder:
         """Say that ``size`` bytes were written to `get_buffer`; return what is complete now."""
         return list(self.runs(size))
 
-    def runs(self, size: int) -> Iterator[Run]:
+    def runs(self, size: int) -> Iterable[Run]:
         """As `received`, run by run, each decoded when it is asked for; to be taken to the end.
 
         A run is short enough that its views are gone before the garbage collector looks at them.
         """
+        start = self._end
+        if (
+            size == self._alone_bytes
+            and self._start == start
+            and self._buffer.startswith(self._alone, start)
+        ):
+            # One small message, as the last time: the usual case where latency counts.
+            self._start = self._end = stop = start + size
+            payload = bytes(self._view[start + len(self._alone) : stop])
+            return (_new_run(Run, (self._header, [payload], 0)),)
+        return self._runs(size)
+
+    def _runs(self, size: int) -> Iterator[Run]:
         if self.error is not None:
             self._start = self._end = 0
             return
@@ -266,10 +281,20 @@ class FrameDecoder:
                 start = stop
             if not starts_with(header, start):
                 break
+        self._expect_one_alone(payloads if not oversized else [], start)
         self._start = start
         self._wanted = skip + 4 + size
         self._peak = max(self._wanted, self._peak - self._peak // 8)
         return payloads, oversized
+
+    def _expect_one_alone(self, payloads: list[Payload], stop: int) -> None:
+        """After a small message that came alone and ended at ``stop``, look out for another such."""
+        self._alone_bytes = -1
+        if len(payloads) == 1 and len(self._buffer) <= _SMALL_BUFFER:
+            size = len(payloads[0])
+            if size <= _CUT_BYTES:
+                self._alone_bytes = stop - self._start
+                self._alone = bytes(self._view[self._start : stop - size])
 
     def _read_header(self) -> bool:
         """Find the header at the read position; False if incomplete or wrong."""
@@ -284,6 +309,7 @@ class FrameDecoder:
                     f"(at most {MAX_NAME_BYTES})"
                 )
                 self._start = self._end = 0
+                self._alone_bytes = -1
                 return False
             position += 2 + length
         if position > self._end:

@@ -91,6 +91,23 @@ def test_streaks_of_equal_frames_in_any_chunking(
     assert not decoder.mid_message
 
 
+@given(st.lists(st.sampled_from([(0, 0), (0, 1), (1, 0), (2, 2), (3, 3)]), max_size=20))
+def test_messages_one_by_one_of_changing_topic_and_size(kinds: list[tuple[int, int]]) -> None:
+    sent = [("ab"[t % 2], "c", bytes([i]) * (1, 2, 5000, 300)[n]) for i, (t, n) in enumerate(kinds)]
+    decoder = FrameDecoder(max_message_bytes=4999)
+    found = [decode(decoder, [encode_frame(encode_header(t, m), data)]) for t, m, data in sent]
+    assert found == [[item] if len(item[2]) < 5000 else [] for item in sent]
+
+
+def test_nothing_is_delivered_after_noise_although_it_looks_like_the_last_message() -> None:
+    frame = encode_frame(encode_header("a", "b"), b"12")
+    decoder = FrameDecoder()
+    assert len(decode(decoder, [frame, frame])) == 2
+    assert len(decode(decoder, [frame + b"\xff" * 9])) == 1
+    assert decoder.error is not None
+    assert decode(decoder, [frame]) == []
+
+
 @pytest.mark.parametrize("odd", ["a", "c"])
 def test_one_frame_of_another_topic_or_size_among_equal_ones(odd: str) -> None:
     sent = [("a", "b", bytes([i])) for i in range(20)]
