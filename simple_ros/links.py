@@ -116,6 +116,11 @@ class SubscriberLinks:
         """Links that stand now."""
         return sum(link.is_up for link in self._links.values())
 
+    @property
+    def are_busy(self) -> bool:
+        """Whether a link still sends what came before."""
+        return any(link.is_busy for link in self._links.values())
+
     def have_room(self, size: int, count: int = 1) -> bool:
         """Whether every link can take ``count`` messages of ``size`` bytes in all."""
         return all(link.has_room(size, count) for link in self._links.values())

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from simple_ros.loans import Loan
 from simple_ros.net.feeder import Feeder, Source
 from simple_ros.qos import MAX_DEPTH, QosProfile
 from simple_ros.router import Router
@@ -85,10 +86,18 @@ class LocalLink:
             self._scheduled = True
             self._loop.call_soon(self._deliver)
 
-    def send_parts(self, parts: tuple[Any, ...], expires_at: float = math.inf) -> None:
-        """Queue one large frame, given as several buffers."""
+    def send_parts(
+        self,
+        parts: tuple[Any, ...],
+        expires_at: float = math.inf,
+        loan: Loan | None = None,  # noqa: ARG002
+    ) -> None:
+        """Queue one large frame, given as several buffers; they are copied."""
         joined = b"".join(parts)
         self.send((joined,), joined, expires_at)
+
+    is_busy = False
+    """Whether a message should rather wait than be queued: it never goes by a socket."""
 
     takes_any = False
     """Whether everything is taken for now: it depends on the queue."""

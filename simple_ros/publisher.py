@@ -24,6 +24,7 @@ from simple_ros.codecs import Codec
 from simple_ros.errors import HandleClosed, MessageTooLarge, QueueFull
 from simple_ros.events import DeadlineMissed, IncompatibleQos, QosEvent, QosEventCallback
 from simple_ros.links import Link, Spelling, SubscriberLinks
+from simple_ros.loans import Loan
 from simple_ros.names import MAX_NAME_BYTES
 from simple_ros.net.memory import LARGE_BYTES, keep_large_blocks
 from simple_ros.net.transport import InProcess, Transport
@@ -206,6 +207,9 @@ class Publisher(Generic[MessageT]):
     async def publish_async(self, message: MessageT) -> None:
         """Send, waiting until every subscriber has room (with ``overflow="block"``).
 
+        Then a large array, as the pixels of an image, is sent from where it is and is free when this returns.
+        If this is cancelled while it waits, the rest of the array is copied and sent all the same.
+
         Raises:
             TypeError: The message is of another type than the topic.
             HandleClosed: The publisher or its node is closed.
@@ -231,9 +235,7 @@ class Publisher(Generic[MessageT]):
             await self._wait_for_room(1)
             self._publish_object(message)
         elif self._part is not None:
-            parts = self._part(message)
-            await self._wait_for_room(sum(map(len, parts)))
-            self._publish_parts(parts)
+            await self._publish_parts_async(self._part(message))
         else:
             await self.publish_bytes_async(self.encode(message))
 
@@ -274,13 +276,16 @@ class Publisher(Generic[MessageT]):
             self._publish_object(self._codec.decoder(self.message_class)(payload), payload)
             return
         if self._put(payload, size):
-            # A batch has just gone out: give everybody else a turn.
+            # A batch has just gone out, or nobody is there: give everybody else a turn.
             await asyncio.sleep(0)
+
+    async def _wait_for_change(self) -> None:
+        self._room.clear()
+        await self._room.wait()
 
     async def _wait_for_room(self, size: int) -> None:
         while self._blocks and not self._closed and not self._has_room(size):
-            self._room.clear()
-            await self._room.wait()
+            await self._wait_for_change()
         if self._closed:
             self.check_open()
 
@@ -296,7 +301,7 @@ class Publisher(Generic[MessageT]):
         return size
 
     def _put(self, payload: bytes, size: int) -> bool:
-        """Send now or with the batch of this tick; True if that completed a batch."""
+        """Send now or with the batch of this tick; True if it is somebody else's turn."""
         if _get_ident() != self._thread:
             self._check_thread()
         if self._latches:
@@ -305,7 +310,8 @@ class Publisher(Generic[MessageT]):
             self._deadline.happened()
         if not self._links.spellings:
             self._published += 1
-            return False
+            # Who sends without end would otherwise never see a subscriber come.
+            return True
         if size >= _LARGE_BYTES:
             self._send_large((payload,), size)
             return True
@@ -323,8 +329,25 @@ class Publisher(Generic[MessageT]):
             return True
         return False
 
-    def _publish_parts(self, parts: tuple[Any, ...]) -> None:
-        """As `publish_bytes`, for a message that is several buffers: none is copied on the way."""
+    async def _publish_parts_async(self, parts: tuple[Any, ...]) -> None:
+        """As `publish_async`, for a message that is several buffers."""
+        size = sum(map(len, parts))
+        if not self._blocks or size < _LARGE_BYTES or self._latches or self._links.references:
+            await self._wait_for_room(size)
+            self._publish_parts(parts)
+            return
+        while self._links.are_busy and not self._closed:
+            # In a queue it would have to be copied.
+            await self._wait_for_change()
+        await self._wait_for_room(size)
+        with Loan() as loan:
+            self._publish_parts(parts, loan)
+            await asyncio.sleep(0)
+            while loan.is_open and not self._closed:
+                await self._wait_for_change()
+
+    def _publish_parts(self, parts: tuple[Any, ...], loan: Loan | None = None) -> None:
+        """As `publish_bytes`, for a message that is several buffers; copied only as far as they have to wait."""
         self.check_open()
         size = sum(map(len, parts))
         if size < _LARGE_BYTES or self._latches:
@@ -337,9 +360,9 @@ class Publisher(Generic[MessageT]):
         self._check_thread()
         if self._deadline is not None:
             self._deadline.happened()
-        self._send_large(parts, size)
+        self._send_large(parts, size, loan)
 
-    def _send_large(self, parts: tuple[Any, ...], size: int) -> None:
+    def _send_large(self, parts: tuple[Any, ...], size: int, loan: Loan | None = None) -> None:
         """Send at once, after what waits in this tick's batch."""
         if size >= LARGE_BYTES:
             keep_large_blocks()
@@ -349,7 +372,7 @@ class Publisher(Generic[MessageT]):
         for spelling in self._links.spellings:
             frame = (spelling.header + _pack_u32(size), *parts)
             for link in spelling.links:
-                link.send_parts(frame, expires_at)
+                link.send_parts(frame, expires_at, loan)
         if not self._is_direct:
             self._reconsider()
 

@@ -60,7 +60,8 @@ async def _send(job: Job) -> None:
         async def publish(message: Any) -> None:
             publisher.publish(message)
 
-        put = publish if job.workload.rate_hz else publisher.publish_async
+        is_timed_small = job.workload.rate_hz and not job.workload.size_bytes
+        put = publish if is_timed_small else publisher.publish_async
         await drive_async(job.workload, _maker(job), put)
         await publisher.flush(_LIMIT_S)
         await until_end()

@@ -14,7 +14,9 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
+from simple_ros.loans import Loan
 from simple_ros.net.addresses import connection_state, join_address, keep_alive
+from simple_ros.net.stream import StreamTransport
 from simple_ros.net.transport import TCP, InProcess, Transport, Way, ways_to
 from simple_ros.qos import QosProfile, Reliability
 from simple_ros.wire.queues import BoundedQueue
@@ -38,6 +40,7 @@ class OutboundLink(asyncio.Protocol):
         connects: How often the link came up.
         sent: Messages handed to the network.
         too_large: Messages given up because the transport takes none of that size.
+        turns: How often all that waited in the transport was sent, or lost with it.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class OutboundLink(asyncio.Protocol):
         self.connects = 0
         self.sent = 0
         self.too_large = 0
+        self.turns = 0
         self._keeps_over_breaks = profile.reliability is Reliability.RELIABLE
         self._ways = ways_to(target, transports, needs_reliable=self._keeps_over_breaks)
         self._way: Way | None = None
@@ -98,17 +102,34 @@ class OutboundLink(asyncio.Protocol):
         self._idle.clear()
         self.queue.push_all(frames, map(len, frames), expires_at)
 
-    def send_parts(self, parts: tuple[Any, ...], expires_at: float = math.inf) -> None:
-        """Send or queue one large frame, given as several buffers."""
+    def send_parts(
+        self, parts: tuple[Any, ...], expires_at: float = math.inf, loan: Loan | None = None
+    ) -> None:
+        """Send or queue one large frame, given as several buffers, which a ``loan`` may lend."""
         if self._direct and self._max_write is None:
             self.sent += 1
             assert self._transport is not None
-            self._transport.writelines(parts)
+            if loan is not None and isinstance(self._transport, StreamTransport):
+                self._transport.lend_lines(parts)
+                if self._transport.lends:
+                    loan.add(self)
+            else:
+                self._transport.writelines(parts)
             if self._check is None:
                 self._check = self._loop.call_later(_CHECK_EVERY_S, self._check_peer)
         else:
             joined = b"".join(parts)
             self.send((joined,), joined, expires_at)
+
+    def keep_own(self) -> None:
+        """Copy what was lent and is still under way."""
+        if isinstance(self._transport, StreamTransport):
+            self._transport.keep_own()
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it is linked and still sends what came before."""
+        return self._transport is not None and not self._direct
 
     @property
     def takes_any(self) -> bool:
@@ -241,12 +262,14 @@ class OutboundLink(asyncio.Protocol):
 
     def resume_writing(self) -> None:
         self._paused = False
+        self.turns += 1
         self._drain()
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002
         self._transport = None
         self._direct = False
         self._paused = False
+        self.turns += 1
         if not self._keeps_over_breaks:
             self.queue.clear()
         if not self.queue:

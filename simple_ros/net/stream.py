@@ -11,7 +11,7 @@ import asyncio
 import logging
 import socket
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 __all__ = ["StreamTransport", "connected"]
@@ -27,7 +27,11 @@ class StreamTransport(asyncio.Transport):
 
     `asyncio.Protocol.pause_writing` is called as soon as anything waits, `resume_writing` when nothing
     does. What is written is not copied if it is ``bytes``; other buffers are copied only as far as they
-    have to wait, so they may be changed when `write` has returned.
+    have to wait, so they may be changed when `write` has returned. Those given to `lend_lines` are never
+    copied: they may be changed after `asyncio.Protocol.resume_writing`, or after `keep_own`.
+
+    Attributes:
+        lends: Whether buffers that were lent are still needed.
     """
 
     def __init__(self, sock: socket.socket, protocol: asyncio.Protocol) -> None:
@@ -39,6 +43,7 @@ class StreamTransport(asyncio.Transport):
         self._waiting: deque[memoryview] = deque()
         self._closing = False
         self._lost = False
+        self.lends = False
         self._loop.add_reader(self._fd, self._readable)
 
     # -- writing -------------------------------------------------------------------------------
@@ -63,7 +68,21 @@ class StreamTransport(asyncio.Transport):
 
     def writelines(self, list_of_data: Iterable[Any]) -> None:
         """Send several buffers as one."""
-        parts = list(list_of_data)
+        self._write_parts(list(list_of_data))
+
+    def lend_lines(self, parts: Sequence[Any]) -> None:
+        """As `writelines`, without a copy: see `lends`."""
+        self._write_parts(parts, is_lent=True)
+
+    def keep_own(self) -> None:
+        """Copy what was lent and still waits."""
+        self.lends = False
+        self._waiting = deque(
+            view if isinstance(view.obj, bytes) else memoryview(bytes(view))
+            for view in self._waiting
+        )
+
+    def _write_parts(self, parts: Sequence[Any], *, is_lent: bool = False) -> None:
         if self._closing:
             return
         sent = 0
@@ -79,14 +98,18 @@ class StreamTransport(asyncio.Transport):
         for part in parts:
             size = len(part)
             if sent < size:
-                self._keep(part, sent)
+                self._keep(part, sent, is_lent=is_lent)
             sent = max(0, sent - size)
         if self._waiting and not was_waiting:
             self._wait()
 
-    def _keep(self, data: Any, sent: int) -> None:
+    def _keep(self, data: Any, sent: int, *, is_lent: bool = False) -> None:
         rest = memoryview(data)[sent:]
-        self._waiting.append(rest if isinstance(data, bytes) else memoryview(bytes(rest)))
+        if is_lent:
+            self.lends = True
+        elif not isinstance(data, bytes):
+            rest = memoryview(bytes(rest))
+        self._waiting.append(rest)
 
     def _wait(self) -> None:
         self._loop.add_writer(self._fd, self._writable)
@@ -113,6 +136,7 @@ class StreamTransport(asyncio.Transport):
             self._fail(error)
             return
         self._loop.remove_writer(self._fd)
+        self.lends = False
         if self._closing:
             self._end(None)
         else:
@@ -169,6 +193,7 @@ class StreamTransport(asyncio.Transport):
         if self._lost:
             return
         self._lost = self._closing = True
+        self.lends = False
         self._waiting.clear()
         self._loop.remove_reader(self._fd)
         self._loop.remove_writer(self._fd)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.waiting import until
 
-from simple_ros import LATCHED, Durability, QosProfile, QueueFull
+from simple_ros import LATCHED, Durability, HandleClosed, QosProfile, QueueFull
 from simple_ros.aio import NodeHandle
 from simple_ros.large import LargeMessage, large
 from simple_ros.msg.arrays import image_to_numpy
@@ -39,8 +39,8 @@ async def test_arrays_go_in_and_come_out_and_others_get_the_plain_message(
         await viewer.subscribe("image", Image, plain.append)
         publisher = await camera.advertise("image", LargeImage)
         other = await camera.advertise("image", Image)
-        await publisher.wait_for_subscribers(1, timeout=5)
-        await other.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
+        await other.wait_for_subscribers(1, timeout=30)
         for value in range(8):
             fields, pixels = image(value)
             publisher.publish(LargeImage(fields, pixels))
@@ -75,20 +75,108 @@ async def test_small_ones_latched_ones_and_slow_subscribers(master: Master) -> N
         block = QosProfile(depth=2, overflow="block")
         subscriber = await viewer.subscribe("image", LargeImage, qos=block)
         publisher = await camera.advertise("image", LargeImage, qos=block)
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
         publisher.publish(LargeImage(Image(height=1), b"tiny"))
-        assert bytes((await subscriber.receive_within(5)).data) == b"tiny"
+        assert bytes((await subscriber.receive_within(30)).data) == b"tiny"
         sent = 0
         with pytest.raises(QueueFull):
             for sent in range(200):
                 publisher.publish(LargeImage(*image(sent % 256)))
         waiting = asyncio.create_task(publisher.publish_async(LargeImage(*image(99))))
         for number in range(sent):
-            assert (await subscriber.receive_within(5)).data[7] == number % 256
+            assert (await subscriber.receive_within(30)).data[7] == number % 256
         await waiting
-        assert (await subscriber.receive_within(5)).data[7] == 99
+        assert (await subscriber.receive_within(30)).data[7] == 99
         assert publisher.statistics.published == sent + 2
         assert publisher.statistics.dropped == 0
+
+
+BLOCK = QosProfile(depth=2, overflow="block")
+
+
+def full_hd(pixels: np.ndarray) -> LargeMessage[Image]:
+    return LargeImage(Image(height=1080, width=1920, encoding="rgb8", step=1920 * 3), pixels)
+
+
+@pytest.mark.parametrize("transports", [TCP, ("unix",), ("shm", "unix"), ("local",)])
+async def test_one_array_for_all_images_is_free_when_publish_async_returns(
+    master: Master, transports: tuple[str, ...]
+) -> None:
+    pixels = np.zeros((1080, 1920, 3), np.uint8)
+    async with (
+        NodeHandle("camera", master=master.address, transports=transports) as camera,
+        NodeHandle("viewer", master=master.address, transports=transports) as viewer,
+        NodeHandle("recorder", master=master.address, transports=transports) as recorder,
+    ):
+        subscribers = [
+            await node.subscribe("image", LargeImage, qos=BLOCK) for node in (viewer, recorder)
+        ]
+        publisher = await camera.advertise("image", LargeImage, qos=BLOCK)
+        await publisher.wait_for_subscribers(2, timeout=30)
+
+        async def film() -> None:
+            for value in range(20):
+                pixels[:] = value
+                await publisher.publish_async(full_hd(pixels))
+
+        filming = asyncio.create_task(film())
+        for value in range(20):
+            for subscriber in subscribers:
+                seen = np.frombuffer((await subscriber.receive_within(30)).data, np.uint8)
+                assert (int(seen.min()), int(seen.max())) == (value, value)
+        await filming
+
+
+async def test_a_cancelled_publish_async_leaves_the_array_free_and_the_image_whole(
+    master: Master,
+) -> None:
+    pixels = np.full((1080, 1920, 3), 7, np.uint8)
+    async with (
+        NodeHandle("camera", master=master.address, transports=TCP) as camera,
+        NodeHandle("viewer", master=master.address, transports=TCP) as viewer,
+    ):
+        subscriber = await viewer.subscribe("image", LargeImage, qos=BLOCK)
+        publisher = await camera.advertise("image", LargeImage, qos=BLOCK)
+        await publisher.wait_for_subscribers(1, timeout=30)
+        # Nobody reads yet: sooner or later one waits in the middle of its image.
+        sent = 0
+        while True:
+            pixels[:] = sent
+            publishing = asyncio.create_task(publisher.publish_async(full_hd(pixels)))
+            await asyncio.wait([publishing], timeout=0.5)
+            if not publishing.done():
+                break
+            sent += 1
+        publishing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await publishing
+        begun = publisher.statistics.published
+        assert begun in {sent, sent + 1}
+        pixels[:] = 255
+        for value in range(begun):
+            seen = np.frombuffer((await subscriber.receive_within(30)).data, np.uint8)
+            assert (int(seen.min()), int(seen.max())) == (value, value)
+
+
+async def test_publish_async_ends_when_its_reader_does(master: Master) -> None:
+    pixels = np.zeros((1080, 1920, 3), np.uint8)
+    async with NodeHandle("camera", master=master.address, transports=TCP) as camera:
+        publisher = await camera.advertise("image", LargeImage, qos=BLOCK)
+        async with NodeHandle("viewer", master=master.address, transports=TCP) as viewer:
+            await viewer.subscribe("image", LargeImage, qos=BLOCK)
+            await publisher.wait_for_subscribers(1, timeout=30)
+
+            async def film() -> None:
+                while True:
+                    await publisher.publish_async(full_hd(pixels))
+
+            filming = asyncio.create_task(film())
+            await until(lambda: publisher.statistics.published > 1)
+        await until(lambda: publisher.subscriber_count == 0)
+        # Without readers it runs on; closed, it says so.
+        await until(lambda: publisher.statistics.published > 20)
+    with pytest.raises(HandleClosed):
+        await filming
 
 
 async def test_malformed_large_messages_are_counted(master: Master) -> None:
@@ -99,7 +187,7 @@ async def test_malformed_large_messages_are_counted(master: Master) -> None:
     ):
         await viewer.subscribe("image", LargeImage, got.append)
         publisher = await camera.advertise("image", LargeImage)
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
         publisher.publish_bytes(b"\xff" * 100_000)
         publisher.publish_bytes(b"\x0a\xff")
         publisher.publish(LargeImage(*image(1)))
