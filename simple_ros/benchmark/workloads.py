@@ -84,7 +84,7 @@ WORKLOADS = {
             measure="p50_ms",
             unit="ms",
         ),
-        Workload("fanout", "small messages to 8 processes, in sum", "twist", 40_000, receivers=8),
+        Workload("fanout", "small messages to 8 processes, in sum", "twist", 100_000, receivers=8),
     )
 }
 
