@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator
 from contextlib import ExitStack, asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from socket import gethostname
 from typing import TYPE_CHECKING, Annotated
 from urllib.parse import quote
 
@@ -38,6 +39,11 @@ class _Where:
     tls: ssl.SSLContext | None
     record: Path | None
     stats: bool
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only programs of this host can connect."""
+        return self.host in ("localhost", "::1") or self.host.startswith("127.")
 
     @property
     def scheme(self) -> str:
@@ -150,6 +156,8 @@ def command(
 
     if bag is None and (loop or paused or rate != 1.0):
         raise typer.BadParameter("--rate, --loop and --start-paused are for --bag")
+    if token == "":
+        raise typer.BadParameter("--token is empty; leave it away to let everybody in")
     if not frame.strip("/"):
         raise typer.BadParameter("--frame wants the name of a frame")
     server = ServerOptions(
@@ -188,11 +196,16 @@ async def _bridge(options: BridgeOptions, where: _Where, master: str | None) -> 
     from simple_ros.foxglove.bridge import Bridge
     from simple_ros.node import NodeHandle
 
-    name = f"foxglove_bridge_{where.port or os.getpid()}"
-    async with NodeHandle(name, master=master) as node:
+    async with NodeHandle(_own_name(), master=master) as node:
         bridge = Bridge(node, options)
         async with _serving(bridge.server, where):
             await while_running(node, bridge.run())
+
+
+def _own_name() -> str:
+    """A node's name that no other bridge has, on this host or another: it would end that one."""
+    host = "".join(char if char.isascii() and char.isalnum() else "_" for char in gethostname())
+    return f"foxglove_bridge_{host}_{os.getpid()}"
 
 
 async def _play(
@@ -205,6 +218,8 @@ async def _play(
         bags = [stack.enter_context(Bag(path)) for path in files]
         playback = BagPlayback(bags, server, options)
         for topic, reason in playback.skipped.items():
+            if not server.access.wants(topic):
+                continue  # just what was asked for
             print(f"warning: {topic!r} is not shown: {reason}", file=sys.stderr)
         async with _serving(playback.server, where):
             await playback.run()
@@ -241,8 +256,12 @@ async def _serving(server: FoxgloveServer, where: _Where) -> AsyncIterator[None]
 def _say_where(server: FoxgloveServer, where: _Where) -> None:
     url = f"{where.scheme}://{_reachable(where.host)}:{server.port}"
     say(f"listening at {url}")
-    if server.options.access.token is None:
+    access = server.options.access
+    if access.token is None:
         say(f"open {_APP}{quote(url, safe='')}")
+        if not where.is_local:
+            may = "look" if access.read_only else "look, publish, call services and set parameters"
+            print(f"warning: without --token, whoever reaches this host may {may}", file=sys.stderr)
     else:
         say(f"clients connect to {url}/?token=TOKEN")
 

@@ -96,12 +96,16 @@ class Access:
             origins: As above.
 
         Raises:
-            ConfigError: A pattern is no regular expression, or there is no such capability.
+            ConfigError: A pattern is no regular expression, there is no such capability, or an origin
+                is none.
         """
         unknown = sorted(set(without) - CAPABILITIES)
         if unknown:
             known = ", ".join(sorted(CAPABILITIES))
             raise ConfigError(f"there is no capability {unknown[0]!r}; there are {known}")
+        for origin in origins:
+            if origin != "*" and "://" not in origin:
+                raise ConfigError(f"an origin is written http://host:port, not {origin!r}")
         return cls(
             TopicSelection.made(every=topics is None, pattern=topics, exclude=exclude),
             _fitting(client_topics),
@@ -159,7 +163,10 @@ class Access:
             for value in headers.get_all("Authorization")
             if value.lower().startswith("bearer ")
         ]
-        given += parse_qs(urlsplit(path).query).get("token", [])
+        query = urlsplit(path).query
+        # Tokens in base64 hold "+", which means a space in forms, and people write it as it is.
+        for text in (query, query.replace("+", "%2B")):
+            given += parse_qs(text).get("token", [])
         wanted = token.encode("utf-8", "replace")
         return any(hmac.compare_digest(text.encode("utf-8", "replace"), wanted) for text in given)
 

@@ -89,6 +89,7 @@ class Client:
         self._notice = SlowNotice()
         self._control: deque[Frame] = deque()
         self._control_bytes = 0
+        self._control_limit = _CONTROL_BYTES
         self._is_scheduled = False
         self._ended = False
         self._subscriptions: dict[int, bytes] = {}
@@ -137,6 +138,15 @@ class Client:
 
     # -- the conversation ----------------------------------------------------------------------
 
+    def begin(self, server_info: str) -> None:
+        """Introduce the server and all it offers."""
+        self.session.begin(server_info)
+        offered = self.session.frames()
+        # Thousands of topics are more than may wait otherwise, and time going back repeats them.
+        self._control_limit += 2 * sum(map(len, offered))
+        for frame in offered:
+            self._put_control(frame)
+
     def process(self) -> None:
         """Hand on what the conversation gave rise to."""
         for frame in self.session.frames():
@@ -150,7 +160,7 @@ class Client:
     def _put_control(self, frame: Frame) -> None:
         if self._ended:
             return
-        if self._control_bytes > _CONTROL_BYTES:
+        if self._control_bytes > self._control_limit:
             self._connection.send(frames.status(Level.ERROR, _OVERFLOW))
             self._connection.close(1013, "too slow")
             self._ended = True

@@ -4,7 +4,24 @@ from __future__ import annotations
 
 from simple_ros.errors import SimpleRosError
 
-__all__ = ["AssetRefused", "CannotListen", "InvalidRequest", "PublishRefused", "one_line"]
+__all__ = [
+    "AssetRefused",
+    "CannotListen",
+    "InvalidRequest",
+    "PublishRefused",
+    "one_line",
+    "shortened",
+]
+
+_MOST_SAID = 1000
+
+
+def shortened(text: str) -> str:
+    """A text for people that may hold what a client sent: of a very long one, beginning and end."""
+    if len(text) <= _MOST_SAID:
+        return text
+    half = _MOST_SAID // 2
+    return f"{text[:half]} ... {text[-half:]}"
 
 
 def one_line(error: Exception) -> str:

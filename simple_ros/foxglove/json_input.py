@@ -30,6 +30,7 @@ _TIMES: dict[str, type[Timestamp | Duration]] = {
     "google.protobuf.Timestamp": Timestamp,
     "google.protobuf.Duration": Duration,
 }
+_FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
 _MAX_DEPTH = 100
 
 
@@ -108,6 +109,9 @@ def _as_list(value: Any) -> list[Any]:
 def _item(field: Any, value: Any, depth: int) -> Any:
     if field.message_type is not None:
         return _message(field.message_type, value, depth + 1)
+    if value is None and field.cpp_type in _FLOATS:
+        # JavaScript writes numbers that are not finite so; only in lists does it matter.
+        return "NaN"
     if field.type == FieldDescriptor.TYPE_BYTES:
         return _bytes(field, value)
     if field.type == FieldDescriptor.TYPE_BOOL and value in (0, 1):

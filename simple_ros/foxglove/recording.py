@@ -37,14 +37,17 @@ class Recording:
         self._topics: dict[int, RecordedTopic] = {}
         self._loop = asyncio.get_running_loop()
 
-    def saw(self, channel: Channel, stamp_ns: int, payloads: Sequence[bytes]) -> None:
-        """Messages of one channel came at one time."""
+    def saw(
+        self, channel: Channel, stamp_ns: int, payloads: Sequence[bytes], *, latched: bool
+    ) -> None:
+        """Messages of one channel came at one time; a bag player latches what was latched."""
         topic = self._topics.get(channel.id)
         if topic is None:
             kept = channel.recorded_as
             if kept is None:
                 kept = channel.schema_name, base64.b64decode(channel.schema)
-            topic = RecordedTopic(canonical(channel.topic), *kept)
+            metadata = {"latched": "true"} if latched else {}
+            topic = RecordedTopic(canonical(channel.topic), *kept, metadata)
             self._topics[channel.id] = topic
         if self._thread.put(topic, stamp_ns, payloads):
             topic.received += len(payloads)

@@ -223,7 +223,7 @@ def _names(document: Mapping[str, Any]) -> tuple[str, ...]:
     names = _items(document, "parameterNames")
     if not all(isinstance(name, str) for name in names):
         raise InvalidRequest(f"{document['op']} needs texts in 'parameterNames'")
-    return tuple(names)
+    return tuple(map(_unicode, names))
 
 
 def _number(value: Any, what: str) -> int:
@@ -244,7 +244,16 @@ def _string(document: Mapping[str, Any], name: str, default: str | None = None) 
         value = default
     if not isinstance(value, str):
         raise InvalidRequest(f"{name!r} must be a text, not {value!r}")
-    return value
+    return _unicode(value)
+
+
+def _unicode(text: str) -> str:
+    """A text that can be written as UTF-8: JSON can escape halves of characters, too."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise InvalidRequest(f"{text!r} is no valid Unicode text") from None
+    return text
 
 
 def _id(document: Mapping[str, Any]) -> str | None:

@@ -51,8 +51,10 @@ _MOST_LOGGED = 100
 class Tap(Protocol):
     """Sees every message that some client is subscribed to."""
 
-    def saw(self, channel: Channel, stamp_ns: int, payloads: Sequence[bytes]) -> None:
-        """Messages of one channel came at one time."""
+    def saw(
+        self, channel: Channel, stamp_ns: int, payloads: Sequence[bytes], *, latched: bool
+    ) -> None:
+        """Messages of one channel, which may be latched, came at one time."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +92,16 @@ def tls_context(certificate: Path, key: Path | None = None) -> ssl.SSLContext:
     Raises:
         CannotListen: The files are not there or do not fit together.
     """
+
+    def asked() -> str:
+        # Otherwise OpenSSL asks at the terminal, and a service hangs.
+        raise CannotListen(f"TLS key {key or certificate}: it is encrypted; give one that is not")
+
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
-        context.load_cert_chain(certificate, key)
+        context.load_cert_chain(certificate, key, asked)
+    except CannotListen:
+        raise
     except OSError as error:  # ssl.SSLError is one
         reason = error.strerror or str(error)
         raise CannotListen(f"TLS certificate {certificate}: {reason}") from None
@@ -230,7 +239,7 @@ class FoxgloveServer:
         )
         self._clients[client] = None
         logger.info("client %s came (%s)", connection.peer, connection.subprotocol)
-        session.begin(self._server_info(with_span=connection.subprotocol == frames.SUBPROTOCOLS[0]))
+        client.begin(self._server_info(with_span=connection.subprotocol == frames.SUBPROTOCOLS[0]))
         for status in self._statuses.values():
             session.say(status)
         client.process()
@@ -412,7 +421,8 @@ class FoxgloveServer:
             for client in wanting:
                 client.put(channel, message, size)
         if self._tap is not None and payloads:
-            self._tap.saw(self.catalog.channels[channel], stamp_ns, payloads)
+            latched = channel in self._latched
+            self._tap.saw(self.catalog.channels[channel], stamp_ns, payloads, latched=latched)
 
     def publish_to(self, client: Client, channel: int, stamp_ns: int, payload: bytes) -> None:
         """Send a message to one client that is subscribed to a channel."""

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 from simple_ros.foxglove import frames, requests
 from simple_ros.foxglove.catalog import Catalog
-from simple_ros.foxglove.errors import InvalidRequest
+from simple_ros.foxglove.errors import InvalidRequest, shortened
 from simple_ros.foxglove.events import (
     AssetWanted,
     Called,
@@ -145,7 +145,7 @@ class Session:
     def complain(self, message: str, level: Level = Level.ERROR) -> None:
         """Tell the client that something is wrong."""
         self.refused += 1
-        self._frames.append(frames.status(level, message))
+        self._frames.append(frames.status(level, shortened(message)))
 
     def say(self, frame: Frame) -> None:
         """Send a frame that was made elsewhere."""
@@ -266,7 +266,7 @@ class Session:
             self._refuse(key, call.service.name, reason)
 
     def _refuse(self, key: tuple[int, int], name: str, reason: str) -> None:
-        self._frames.append(frames.service_failure(*key, reason))
+        self._frames.append(frames.service_failure(*key, shortened(reason)))
         # Apps show nothing for the failure itself.
         self.complain(f"Service {name}: {reason}")
 
@@ -323,7 +323,7 @@ class Session:
     def refuse_asset(self, request_id: int, reason: str) -> None:
         """Say why a file is not sent."""
         self._assets.discard(request_id)
-        self._frames.append(frames.asset_error(request_id, reason))
+        self._frames.append(frames.asset_error(request_id, shortened(reason)))
 
     def _playback(self, control: PlaybackControl) -> None:
         self.controls_playback = True

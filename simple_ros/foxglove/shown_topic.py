@@ -10,7 +10,8 @@ from simple_ros.callbacks import CallbackGuard
 from simple_ros.foxglove.client import Client
 from simple_ros.foxglove.convert import Context, Converter, converters_for
 from simple_ros.foxglove.convert.ros_names import as_shown, completion_for
-from simple_ros.foxglove.frames import Channel
+from simple_ros.foxglove.errors import one_line, shortened
+from simple_ros.foxglove.frames import Channel, Level
 from simple_ros.foxglove.graph_model import shown
 from simple_ros.foxglove.server import FoxgloveServer
 from simple_ros.foxglove.type_book import schema_text
@@ -48,6 +49,7 @@ class ShownTopic:
         self._server = server
         self._complete = completion_for(msg_type)
         self._guard = CallbackGuard(f"the conversion of {topic!r}")
+        self._complaints: set[str] = set()
         schema_name, schema = as_shown(msg_type, definition)
         self._channel = server.add_channel(
             shown(topic),
@@ -71,6 +73,7 @@ class ShownTopic:
     def restart(self) -> None:
         """Messages come anew, as if there had been none before."""
         self._converters = self._made()
+        self._forget_complaints()
 
     def _made(self) -> list[Converter]:
         """New converters, which remember nothing."""
@@ -90,6 +93,7 @@ class ShownTopic:
     def withdraw(self) -> None:
         """Offer it no more."""
         self._server.remove_channels(self.channels)
+        self._forget_complaints()
 
     def publish(self, stamp_ns: int, payloads: Sequence[bytes]) -> None:
         """Send messages that came at one time to all who want them, as they want them."""
@@ -137,4 +141,18 @@ class ShownTopic:
         except Exception as error:
             # One bad message must not end the subscription; the guard counts and logs it.
             self._guard.failed(error)
+            self._complain(converter, error)
             return None
+
+    def _complain(self, converter: Converter, error: Exception) -> None:
+        """Say in the app why a panel stays empty: once, as apps keep every text that is another one."""
+        name = f"unshown-{self.topic}{converter.suffix}"
+        if name not in self._complaints:
+            self._complaints.add(name)
+            reason = shortened(one_line(error))
+            text = f"{shown(self.topic)}{converter.suffix}: {reason}"
+            self._server.say_status(Level.WARNING, text, name)
+
+    def _forget_complaints(self) -> None:
+        while self._complaints:
+            self._server.take_back_status(self._complaints.pop())

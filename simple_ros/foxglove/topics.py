@@ -34,6 +34,8 @@ logger = logging.getLogger(__name__)
 
 _UNDEMANDING = QosProfile(reliability=Reliability.BEST_EFFORT)
 _UNKNOWN_TYPES = "unknown-types"
+_HISTORY_MESSAGES = 1000
+_HISTORY_BYTES = 16 * 1024 * 1024
 
 
 @dataclass(eq=False)
@@ -166,20 +168,30 @@ class Topics:
             await subscriber.close()
 
     async def _look_whether_latched(self, item: _Followed) -> None:
-        if item.history is None and await self._is_latched(item.shown.topic):
-            item.history = LatchedHistory()
+        kept = await self._kept_by_publishers(item.shown.topic)
+        if not kept:
+            return
+        if item.history is None:
+            item.history = LatchedHistory(max_bytes=_HISTORY_BYTES)
             item.shown.mark_latched()
+        # Fifty publishers of tf_static have one message each, and all of them count.
+        item.history.max_messages = max(item.history.max_messages, min(kept, _HISTORY_MESSAGES))
 
-    async def _is_latched(self, topic: str) -> bool:
-        """Whether any publisher keeps messages for late joiners (C++ nodes do not say)."""
+    async def _kept_by_publishers(self, topic: str) -> int:
+        """How many messages publishers keep for late joiners, all together (C++ nodes do not say)."""
         try:
             found = await self._node.client.get_topic_info(topic)
         except (TopicNotFound, MasterUnavailable, grpc.aio.AioRpcError):
-            return False
-        return any(
-            qos_from_proto(node.endpoint.qos).durability is Durability.TRANSIENT_LOCAL
+            return 0
+        profiles = [
+            qos_from_proto(node.endpoint.qos)
             for node in found.publishers
             if node.HasField("endpoint") and node.endpoint.HasField("qos")
+        ]
+        return sum(
+            profile.depth
+            for profile in profiles
+            if profile.durability is Durability.TRANSIENT_LOCAL
         )
 
     # -- messages ------------------------------------------------------------------------------

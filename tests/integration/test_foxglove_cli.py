@@ -42,10 +42,13 @@ async def test_live_recorded_and_counted(master: Master, tmp_path: Path) -> None
         async with connected(port) as client:
             publisher = await node.advertise("chatter", String)
             await client.subscribe("/chatter")
-            await publisher.wait_for_subscribers(1, timeout=5)
+            # What is recorded has a subscriber before the client is heard.
+            statistics = json.loads(await process.line())
+            while not statistics["subscriptions"]:
+                statistics = json.loads(await process.line())
+            await publisher.wait_for_subscribers(1, timeout=30)
             publisher.publish(String(data="hello"))
             await until(lambda: client.on("/chatter"))
-            statistics = json.loads(await process.line())
             while not statistics["sent"]:
                 statistics = json.loads(await process.line())
             assert statistics["subscriptions"] == 1
@@ -76,6 +79,27 @@ async def test_a_token_is_not_printed(master: Master) -> None:
         assert lines[1].endswith("/?token=TOKEN")
 
 
+async def test_a_second_bridge_leaves_the_first_alone(master: Master) -> None:
+    arguments = ("--master", master.address)
+    async with foxglove(*arguments) as (_, port), connected(port) as client:
+        code, _, stderr = await run("foxglove", "--port", str(port), *arguments)
+        assert code == 1
+        assert f"cannot listen on 127.0.0.1:{port}" in stderr
+        async with foxglove(*arguments), aio.NodeHandle("a", master=master.address) as node:
+            await node.advertise("chatter", String)
+            await client.channel("/chatter")
+            names = {item.name for item in master.graph.nodes()}
+            assert len([name for name in names if name.startswith("foxglove_bridge_")]) == 2
+
+
+async def test_an_empty_token_lets_nobody_in(master: Master) -> None:
+    code, stdout, stderr = await run(
+        "foxglove", "--port", "0", "--token", "", SIMPLE_ROS_MASTER=master.address
+    )
+    assert (code, stdout) == (2, "")
+    assert "--token is empty" in stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
@@ -85,6 +109,7 @@ async def test_a_token_is_not_printed(master: Master) -> None:
         (("--send-buffer-limit", "much"), "no size"),
         (("--asset-root", "a=/nothing/there"), "no directory"),
         (("--assets", "("), "no regular expression"),
+        (("--allow-origin", "robot:8080"), "http://host:port"),
         (("--without", "colours"), "no capability 'colours'"),
         (("--bag", "/nothing/there.mcap"), "there.mcap"),
         (("--tls-cert", "/nothing/there.pem"), "there.pem"),

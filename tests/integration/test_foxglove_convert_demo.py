@@ -172,7 +172,7 @@ async def test_a_taken_port_is_left_alone() -> None:
     with socket.create_server(("127.0.0.1", 0)) as holder:
         taken = holder.getsockname()[1]
         async with python(*FLIGHT, "--foxglove-port", str(taken)) as demo:
-            async with asyncio.timeout(20):
+            async with asyncio.timeout(60):
                 while not (said := await demo.line()).startswith("in Foxglove: open "):
                     pass
     assert str(taken) not in said

@@ -239,7 +239,7 @@ async def test_recording_what_clients_see(master: Master, tmp_path: Path) -> Non
         seen = await node.advertise("seen", String)
         unseen = await node.advertise("unseen", String)
         await client.subscribe("/seen")
-        await seen.wait_for_subscribers(1, timeout=5)
+        await seen.wait_for_subscribers(1, timeout=30)
         unseen.publish(String(data="no"))
         for number in range(20):
             seen.publish(String(data=str(number)))
@@ -268,7 +268,7 @@ async def test_diagnostics_as_the_panel_asks_for_them(master: Master, tmp_path: 
         await client.subscribe("/diagnostics")
         decoder = client.decoder("/diagnostics")
         assert decoder.DESCRIPTOR.full_name == "ros.diagnostic_msgs.DiagnosticArray"
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
         publisher.publish(DiagnosticArray(status=[DiagnosticStatus(name="motor")]))
         await until(lambda: client.on("/diagnostics"))
         seen = decoder.FromString(client.on("/diagnostics")[0])

@@ -19,7 +19,7 @@ from websockets.typing import Subprotocol
 from simple_ros import aio
 from simple_ros.foxglove import Bridge, BridgeOptions
 from simple_ros.msg.definitions import message_class
-from support.waiting import until
+from support.waiting import LIMIT_S, until
 
 BOTH = ("foxglove.websocket.v1", "foxglove.sdk.v1")
 
@@ -156,7 +156,12 @@ async def connected(
 ) -> AsyncIterator[FoxClient]:
     """A client of the server on a port of this host."""
     offered = [Subprotocol(name) for name in subprotocols]
-    settings: dict[str, Any] = {"compression": None, "max_size": None, "proxy": None} | options
+    settings: dict[str, Any] = {
+        "compression": None,
+        "max_size": None,
+        "proxy": None,
+        "open_timeout": LIMIT_S,
+    } | options
     async with connect(f"ws://127.0.0.1:{port}", subprotocols=offered, **settings) as socket:
         client = FoxClient(socket)
         task = asyncio.create_task(client.listen())

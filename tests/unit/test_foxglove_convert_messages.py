@@ -189,6 +189,15 @@ class TestPoses:
             with pytest.raises(ConversionFailed, match="has poses in other frames: camera"):
                 converted(nav_msgs.Path(header=HEADER, poses=poses), suffix)
 
+    def test_a_path_whose_poses_only_name_the_frame(self) -> None:
+        poses = [geo.PoseStamped(header=Header(frame_id=name)) for name in ("/odom", "", "odom")]
+        path = nav_msgs.Path(poses=poses)
+        assert shown(path, "/poses", PosesInFrame).frame_id == "odom"
+        assert shown(path, "/scene", SceneUpdate).entities[0].frame_id == "odom"
+        path.poses.add(header=Header(frame_id="camera"))
+        with pytest.raises(ConversionFailed, match="has poses in other frames: camera, odom"):
+            converted(path, "/poses")
+
     def test_polygon(self) -> None:
         corners = [geo.Point32(x=1), geo.Point32(y=math.nan), geo.Point32(z=1)]
         area = geo.PolygonStamped(header=HEADER, polygon=geo.Polygon(points=corners))

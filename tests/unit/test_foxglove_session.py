@@ -310,6 +310,9 @@ def test_the_end() -> None:
         '{"op": "unsubscribe", "subscriptionIds": ["a"]}',
         '{"op": "getParameters", "parameterNames": [1]}',
         '{"op": "setParameters", "parameters": [{"value": 1}]}',
+        '{"op": "getParameters", "parameterNames": ["\\ud800"], "id": "a"}',
+        '{"op": "setParameters", "parameters": [{"name": "\\ud800", "value": 1}]}',
+        '{"op": "advertise", "channels": [{"id": 1, "topic": "\\udfff", "encoding": "json"}]}',
         '{"op": "fetchAsset", "uri": 1, "requestId": 1}',
         '{"op": "advertise", "channels": [{"id": 1}]}',
         "[" * 100_000,
@@ -328,6 +331,15 @@ def test_garbage_gets_a_status(frame: str | bytes) -> None:
     assert status[0] == 2
     assert status[1].startswith("Invalid message: ")
     assert talk.events() == []
+
+
+def test_what_a_client_sent_is_not_sent_back_at_length() -> None:
+    talk = Talk()
+    talk.say("x" * 1_000_000)
+    talk.say("subscribe", subscriptions=[{"id": "y" * 1_000_000, "channelId": 1}])
+    for _, message in talk.statuses():
+        assert message.startswith("Invalid message: ")
+        assert len(message) < 2000
 
 
 def test_an_empty_frame_means_nothing() -> None:

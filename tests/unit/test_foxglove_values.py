@@ -65,6 +65,13 @@ def test_typed_arrays() -> None:
     assert list(message.ranges[1:]) == [2.5, 3.0]
 
 
+def test_numbers_that_javascript_cannot_write() -> None:
+    scan = message_of(LaserScan, b'{"ranges": [1, null, 2], "range_max": null}')
+    assert scan.ranges[0::2] == [1, 2]
+    assert math.isnan(scan.ranges[1])
+    assert scan.range_max == 0
+
+
 def test_ros_times() -> None:
     assert message_of(Time, b'{"sec": 5, "nsec": 6}') == Time(sec=5, nanosec=6)
     assert message_of(Time, b'{"sec": 5, "nanosec": 6}') == Time(sec=5, nanosec=6)
@@ -321,6 +328,20 @@ def test_tokens() -> None:
     assert refused(access, Authorization="Bearer geheim") is None
     assert refused(access, Authorization="Basic geheim") == 401
     assert refused(Access.made(token="")) is None
+
+
+@pytest.mark.parametrize("written", ["a+b/c=", "a%2Bb%2Fc%3D", "a%2Bb/c="])
+def test_a_token_in_base64(written: str) -> None:
+    assert refused(Access.made(token="a+b/c="), f"/?token={written}") is None
+
+
+def test_a_token_with_a_space() -> None:
+    assert refused(Access.made(token="a b"), "/?token=a+b") is None
+
+
+def test_what_is_no_origin() -> None:
+    with pytest.raises(ConfigError, match="'robot'"):
+        Access.made(origins=["robot"])
 
 
 def test_subprotocols() -> None:

@@ -136,10 +136,10 @@ def path_poses(message: nav.Path, context: Context) -> PosesInFrame:
     Raises:
         ValueError: They are in several frames.
     """
-    _check_frames(message)
+    header = _path_header(message)
     fields = (f"pose.{field}" for field in _POSE_FIELDS)
     values = columns(message.poses, len(message.poses), *fields)
-    return _poses_in_frame(message.header, values, context)
+    return _poses_in_frame(header, values, context)
 
 
 def path_line(message: nav.Path, context: Context) -> SceneUpdate:
@@ -148,11 +148,11 @@ def path_line(message: nav.Path, context: Context) -> SceneUpdate:
     Raises:
         ValueError: Its poses are in several frames.
     """
-    _check_frames(message)
+    header = _path_header(message)
     fields = (f"pose.position.{axis}" for axis in "xyz")
     points = columns(message.poses, len(message.poses), *fields)
     line = LinePrimitive(type=LinePrimitive.LINE_STRIP, thickness=PATH_WIDTH_M, color=PATH_COLOR)
-    return _line_scene(message.header, "path", line, points, context)
+    return _line_scene(header, "path", line, points, context)
 
 
 def polygon(message: geo.PolygonStamped, context: Context) -> SceneUpdate:
@@ -184,11 +184,19 @@ def _line_scene(
     return update
 
 
-def _check_frames(message: nav.Path) -> None:
+def _path_header(message: nav.Path) -> Header:
+    """The header of a path; many programs name the frame in those of its poses only.
+
+    Raises:
+        ValueError: Its poses are in several frames.
+    """
     frames = {frame_name(pose.header.frame_id) for pose in message.poses}
     frames -= {"", frame_name(message.header.frame_id)}
+    if len(frames) == 1 and not frame_name(message.header.frame_id):
+        return Header(stamp=message.header.stamp, frame_id=frames.pop())
     if frames:
         named = ", ".join(sorted(frames)[:3])
         raise ValueError(
             f"a path in the frame {message.header.frame_id!r} has poses in other frames: {named}"
         )
+    return message.header
