@@ -41,8 +41,8 @@ class Owner(Protocol):
     def catch_up(self) -> float:
         """Hand on what has arrived; tells the time."""
 
-    def pump(self) -> None:
-        """Hand on, let in, look when to do so again."""
+    def pump(self) -> float:
+        """Hand on, let in, look when to do so again; tells the time."""
 
     def hold(self, incoming: Incoming) -> None:
         """There is no room for a connection's message."""

@@ -76,9 +76,19 @@ class Relay:
             incoming.hand_on()
         return now_s
 
-    def pump(self) -> None:
-        """Hand on what has arrived, let in what was held back, and look when to do so again."""
+    def pump(self) -> float:
+        """Hand on what has arrived, let in what was held back, and look when to do so again; tells the time."""
         now_s = self.catch_up()
+        # What is handed on makes room, and who waits for room is not woken again by an empty machine.
+        while self._let_in(now_s):
+            now_s = self.catch_up()
+        self._ending = {incoming for incoming in self._ending if not incoming.end_if_done()}
+        self._schedule()
+        return now_s
+
+    def _let_in(self, now_s: float) -> bool:
+        """Let in what was held back, as far as there is room; tells whether there was any."""
+        is_any = False
         for incoming in list(self._held):
             before = incoming.pending_count
             if incoming.offer_pending(now_s):
@@ -87,9 +97,8 @@ class Relay:
                 # It had its turn.
                 del self._held[incoming]
                 self._held[incoming] = None
-        self.catch_up()
-        self._ending = {incoming for incoming in self._ending if not incoming.end_if_done()}
-        self._schedule()
+            is_any = is_any or incoming.pending_count < before
+        return is_any
 
     def hold(self, incoming: Incoming) -> None:
         """There is no room for a connection's message."""
@@ -127,13 +136,12 @@ class Relay:
     async def _tell_records(self) -> None:
         while True:
             await asyncio.sleep(_RECORDS_S)
-            now_s = self.catch_up()
+            now_s = self.pump()
             if self._watchers:
                 records = self.machine.records(time.time_ns(), now_s)
                 lines = "".join(to_json(record) + "\n" for record in records).encode()
                 for watcher in list(self._watchers):
                     watcher.tell(lines)
-            self._schedule()
 
     async def _look_around(self) -> None:
         """Look at the slice policy file, and at the code points of connections."""

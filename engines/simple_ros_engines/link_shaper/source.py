@@ -47,6 +47,8 @@ class ShaperSource(MetricsSource):
                         self.malformed += 1
             finally:
                 writer.close()
-        except (OSError, TimeoutError) as error:
+        except TimeoutError as error:
+            raise SourceDown(f"link shaper at {self._shaper} does not answer") from error
+        except OSError as error:
             raise SourceDown(f"link shaper at {self._shaper}: {error}") from error
         raise SourceDown(f"link shaper at {self._shaper} closed the connection")
