@@ -12,9 +12,11 @@ import argparse
 import asyncio
 import contextlib
 import json
+import math
 import statistics
 import time
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 
 from simple_ros.aio import NodeHandle
@@ -119,26 +121,38 @@ async def by_bearer(rounds: int, setup_s: float) -> list[float]:
 
 def svg(tunnel: list[float], bearer: list[float], setup_s: float) -> str:
     """Cumulative time of the changes, as the paper's figure 19."""
-    width, height, left, base = 640, 320, 60, 280
+    width, height, left, right, base, top = 680, 330, 50, 540, 270, 40
     most = sum(bearer)
-    lines = []
-    for name, times, colour in (("bearer", bearer, "#bc4c00"), ("tunnel", tunnel, "#0969da")):
-        points, total = [f"{left},{base}"], 0.0
-        for number, seconds in enumerate(times, 1):
-            total += seconds
-            x = left + number * (width - left - 80) / len(times)
-            points.append(f"{x:.1f},{base - 240 * total / most:.1f}")
-        lines.append(
-            f'<polyline fill="none" stroke="{colour}" stroke-width="2" points="{" ".join(points)}"/>'
-        )
-        y = float(points[-1].partition(",")[2])
-        lines.append(f'<text x="{width - 76}" y="{y:.0f}" fill="{colour}">{name}</text>')
-    title = f"cumulative time of {len(bearer)} changes, {most:.1f} s by bearer (mock, set-up {setup_s:g} s)"
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="system-ui" '
-        f'font-size="12"><rect width="{width}" height="{height}" fill="#fff"/><text x="{left}" y="20">{title}</text>'
-        f'<path d="M{left} 30V{base}H{width - 80}" stroke="#59636e" fill="none"/>{"".join(lines)}</svg>\n'
+    step = 10.0 ** math.floor(math.log10(most))
+    step = next(step * part for part in (0.2, 0.5, 1, 2) if most / (step * part) <= 5)
+    parts = [f'<rect width="{width}" height="{height}" fill="#fff"/>']
+    title = f"{len(bearer)} changes, one after the other (simulated network, set-up {setup_s:g} s)"
+    parts.append(f'<text x="{left}" y="22" font-size="13">{title}</text>')
+    for number in range(int(most / step) + 1):
+        y = base - (base - top) * number * step / most
+        parts.append(f'<path d="M{left} {y:.1f}H{right}" stroke="#d1d9e0"/>')
+        label = f'<text x="{left - 6}" y="{y + 4:.1f}" text-anchor="end">{number * step:g} s</text>'
+        parts.append(label)
+    for number in range(0, len(bearer) + 1, max(1, len(bearer) // 5)):
+        x = left + number * (right - left) / len(bearer)
+        parts.append(f'<text x="{x:.1f}" y="{base + 18}" text-anchor="middle">{number}</text>')
+    parts.append(
+        f'<text x="{(left + right) / 2}" y="{base + 38}" text-anchor="middle">changes</text>'
     )
+    for name, times, colour in (("bearer", bearer, "#bc4c00"), ("tunnel", tunnel, "#0969da")):
+        sums = list(accumulate(times, initial=0.0))
+        points = " ".join(
+            f"{left + n * (right - left) / len(times):.1f},{base - (base - top) * total / most:.1f}"
+            for n, total in enumerate(sums)
+        )
+        line = f'<polyline fill="none" stroke="{colour}" stroke-width="2" points="{points}"/>'
+        y = base - (base - top) * sums[-1] / most + 4
+        told = (
+            f'<text x="{right + 8}" y="{y:.0f}" fill="{colour}">by {name}, {sums[-1]:.3g} s</text>'
+        )
+        parts += [line, told]
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="system-ui" font-size="12">'
+    return f"{head}{''.join(parts)}</svg>\n"
 
 
 def main() -> None:

@@ -426,6 +426,7 @@ class Throttle(_message.Message):
     DROP_EVERY_NTH_FIELD_NUMBER: _builtins.int
     MESSAGE_DELAY_FIELD_NUMBER: _builtins.int
     DELAY_MS_FIELD_NUMBER: _builtins.int
+    VALID_S_FIELD_NUMBER: _builtins.int
     topic: _builtins.str
     """as the relay publishes it"""
     drop_every_nth: _builtins.int
@@ -434,6 +435,8 @@ class Throttle(_message.Message):
     """hold so many messages back"""
     delay_ms: _builtins.float
     """or each for so long"""
+    valid_s: _builtins.float
+    """counts for so long unless it is said again; 0: as long as the relay lets it"""
     def __init__(
         self,
         *,
@@ -441,10 +444,11 @@ class Throttle(_message.Message):
         drop_every_nth: _builtins.int = ...,
         message_delay: _builtins.int = ...,
         delay_ms: _builtins.float = ...,
+        valid_s: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["delay_ms", b"delay_ms", "drop_every_nth", b"drop_every_nth", "message_delay", b"message_delay", "topic", b"topic"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["delay_ms", b"delay_ms", "drop_every_nth", b"drop_every_nth", "message_delay", b"message_delay", "topic", b"topic", "valid_s", b"valid_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -535,6 +539,7 @@ class FlowQos(_message.Message):
     REQUESTS_FIELD_NUMBER: _builtins.int
     SOURCE_FIELD_NUMBER: _builtins.int
     DESTINATION_FIELD_NUMBER: _builtins.int
+    IS_REFUSED_FIELD_NUMBER: _builtins.int
     topic: _builtins.str
     state: _builtins.str
     """waiting, grouping, joining, requesting, active, degraded, failed, releasing, released"""
@@ -556,6 +561,8 @@ class FlowQos(_message.Message):
     """what went wrong last"""
     requests: _builtins.int
     """sent so far"""
+    is_refused: _builtins.bool
+    """`failed` because the network said no, not because it could not be asked"""
     @_builtins.property
     def alternatives(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
         """that would do as well, in order"""
@@ -586,10 +593,11 @@ class FlowQos(_message.Message):
         requests: _builtins.int = ...,
         source: Global___Locator | None = ...,
         destination: Global___Locator | None = ...,
+        is_refused: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["destination", b"destination", "source", b"source"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["alternatives", b"alternatives", "applied_qci", b"applied_qci", "bit_rate", b"bit_rate", "burst_bytes", b"burst_bytes", "delay_budget_ms", b"delay_budget_ms", "destination", b"destination", "detail", b"detail", "error_rate", b"error_rate", "is_gbr", b"is_gbr", "is_unmet", b"is_unmet", "qci", b"qci", "requests", b"requests", "session_id", b"session_id", "source", b"source", "state", b"state", "topic", b"topic", "warnings", b"warnings"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["alternatives", b"alternatives", "applied_qci", b"applied_qci", "bit_rate", b"bit_rate", "burst_bytes", b"burst_bytes", "delay_budget_ms", b"delay_budget_ms", "destination", b"destination", "detail", b"detail", "error_rate", b"error_rate", "is_gbr", b"is_gbr", "is_refused", b"is_refused", "is_unmet", b"is_unmet", "qci", b"qci", "requests", b"requests", "session_id", b"session_id", "source", b"source", "state", b"state", "topic", b"topic", "warnings", b"warnings"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -2,9 +2,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import shutil
-import ssl
-import subprocess
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
@@ -12,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.certificates import made_in, server_tls
 from support.openapi import FILES, Recorder, judge, needs_openapi, problems_of
 from support.waiting import until
 
@@ -73,25 +71,7 @@ class Bench:
 @pytest.fixture(scope="session")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A certificate for loopback, with its key in the same file."""
-    program = shutil.which("openssl")
-    if program is None:
-        pytest.skip("there is no openssl to make a certificate")
-    folder = tmp_path_factory.mktemp("tls")
-    made = folder / "both.pem"
-    subprocess.run(
-        [program, "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1",
-         "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1", "-addext", "subjectAltName=IP:127.0.0.1",
-         "-keyout", folder / "key.pem", "-out", folder / "cert.pem"],
-        check=True, capture_output=True,
-    )  # fmt: skip
-    made.write_bytes((folder / "cert.pem").read_bytes() + (folder / "key.pem").read_bytes())
-    return made
-
-
-def server_tls(certificate: Path) -> ssl.SSLContext:
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(certificate)
-    return context
+    return made_in(tmp_path_factory.mktemp("tls"))
 
 
 @asynccontextmanager
@@ -121,9 +101,12 @@ async def bench(
             credentials = Credentials(mock.token_url, "robot", secret) if secret else None
             client = ApiClient(mock.url, asked, credentials, timeout_s=timeout_s, retries=QUICK)
             backend = KINDS[kind](client, receiver, heard.append)
+            asked.is_spoiling = lambda: mock.faults.malformed
             yield Bench(mock, backend, receiver, asked, sent, heard)
     finally:
         await receiver.close()
+    # Every request and every answer of every test here, by the official files where they are.
+    assert await asyncio.to_thread(asked.complaints) == []
 
 
 async def life(on: Bench) -> None:
@@ -165,9 +148,8 @@ class TestEach:
             on.mock.faults.status, on.mock.faults.status_count = 403, 1
             with pytest.raises(ApiRefused):
                 await on.backend.request(REQUEST)
-            for exchange in on.asked.exchanges:
-                found = await asyncio.to_thread(judge, exchange)
-                assert not found, (exchange.request.method, exchange.request.url, found)
+            assert len(on.asked.exchanges) >= 5
+            assert await asyncio.to_thread(on.asked.complaints) == []
 
     @needs_openapi
     async def test_official_files_find_mistakes(self, kind: str) -> None:
@@ -227,7 +209,7 @@ class TestEach:
         async with bench(kind) as on:
             on.mock.control({"status": 503, "status_count": 2})
             await on.backend.request(REQUEST)
-            assert [status for _, _, status in on.mock.requests] == [503, 503, 201]
+            assert [status for _, _, status in on.mock.requests][:3] == [503, 503, 201]
 
     async def test_nobody_there(self, kind: str) -> None:
         async with bench(kind) as on:
@@ -248,6 +230,76 @@ class TestEach:
             on.backend.client = ApiClient(on.mock.url, StandardTransport(), retries=QUICK)
             with pytest.raises(ApiUnavailable, match="certificate"):
                 await on.backend.request(REQUEST)
+
+
+class TestGroups:
+    """SEAL: several programs in one group."""
+
+    async def test_members_of_others_stay(self) -> None:
+        other_ue = UeIdentity("extid-robot2@example.com", "10.45.0.3")
+        async with bench("seal") as on:
+            other = SealBackend(on.backend.client, on.receiver, on.heard.append)
+            for backend, ue in ((on.backend, REQUEST.ue), (other, other_ue)):
+                await backend.ensure_group("cell7")
+                await backend.join("cell7", ue)
+                await backend.join("cell7", ue)
+            assert self.members(on) == ["robot1@example.com", "robot2@example.com"]
+            await on.backend.leave_groups()
+            assert self.members(on) == ["robot2@example.com"]
+            await other.leave_groups()
+            assert not on.mock.seal.groups
+
+    async def test_a_group_that_is_gone_is_made_again(self) -> None:
+        async with bench("seal") as on:
+            await on.backend.ensure_group("cell7")
+            await on.backend.join("cell7", REQUEST.ue)
+            on.mock.seal.groups.clear()
+            await on.backend.join("cell7", UeIdentity("extid-robot2@example.com"))
+            assert self.members(on) == ["robot1@example.com", "robot2@example.com"]
+            on.mock.seal.groups.clear()
+            await on.backend.leave_groups()
+
+    def members(self, on: Bench) -> list[str]:
+        (group,) = on.mock.seal.groups.values()
+        return [member["valUeId"] for member in group["members"]]
+
+
+class TestUnanswered:
+    """Requests whose answer is lost may have been carried out."""
+
+    async def test_nef_releases_what_nobody_was_told_of(self) -> None:
+        async with bench("nef", timeout_s=0.2) as on:
+            on.mock.control({"delay_s": 0.5})
+            with pytest.raises(ApiUnavailable):
+                await on.backend.request(REQUEST)
+            await until(lambda: len(on.mock.network.bearers) == 3)
+            on.mock.control({"delay_s": 0.0, "malformed": True})
+            with pytest.raises(ApiMalformed):
+                await on.backend.request(REQUEST)
+            assert len(on.mock.network.bearers) == 4
+            on.mock.control({"malformed": False})
+            session = await on.backend.request(REQUEST)
+            assert [session.id.endswith(name) for name in on.mock.network.bearers] == [True]
+
+    async def test_nef_looks_later_if_it_cannot_now(self) -> None:
+        async with bench("nef", timeout_s=0.2) as on:
+            on.mock.control({"malformed": True})
+            with pytest.raises(ApiMalformed):
+                await on.backend.request(REQUEST)
+            on.mock.control({"malformed": False})
+            with pytest.raises(ApiUnavailable):
+                on.mock.control({"status": 503})
+                await on.backend.tidy()
+            on.mock.control({"status": 0})
+            await on.backend.tidy()
+            assert not on.mock.network.bearers
+
+    async def test_seal_releases_what_an_answer_names(self) -> None:
+        async with bench("seal") as on:
+            on.mock.control({"malformed": True})
+            with pytest.raises(ApiMalformed):
+                await on.backend.request(REQUEST)
+            assert not on.mock.network.bearers
 
 
 class TestEvents:
@@ -346,6 +398,7 @@ class TestEvents:
                     words = ("components", "schemas", name)
                     found = await asyncio.to_thread(problems_of, data, FILES[root], *words)
                     assert not found, (kind, found)
+                    assert exchange.response.status == 204
 
 
 class TestReceiver:

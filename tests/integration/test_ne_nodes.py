@@ -4,6 +4,7 @@ import asyncio
 import json
 import signal
 import socket
+import ssl
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -11,7 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.certificates import made_in, server_tls
+from support.cli import run, run_json
 from support.engines import at_work, user
+from support.openapi import Recorder
+from support.processes import program
 from support.waiting import until
 
 from simple_ros.aio import NodeHandle
@@ -33,9 +38,12 @@ from simple_ros.msg.network_exposure_msgs import (
     UniqueTopicFlowStats,
 )
 from simple_ros.msg.std_msgs import String
-from simple_ros.qos import QosProfile, Reliability
+from simple_ros.qos import Durability, QosProfile, Reliability
+from simple_ros_engines.network_exposure import watcher_settings
+from simple_ros_engines.network_exposure.exposure.http import StandardTransport, client_tls
 from simple_ros_engines.network_exposure.mock.core import MockSettings
 from simple_ros_engines.network_exposure.mock.server import MockServer
+from simple_ros_engines.network_exposure.qci import QCI
 from simple_ros_engines.network_exposure.relay import FLOWS_TOPIC, STATS_TOPIC, FlowRelay
 from simple_ros_engines.network_exposure.topic_watcher import TopicWatcher
 from simple_ros_master import Master
@@ -93,7 +101,7 @@ async def refused(engine: Engine, master: Master, parameters: dict[str, Any]) ->
     async with NodeHandle(engine.node_name, master=master.address, arguments=Arguments()) as node:
         await node.set_parameters({f"~{name}": value for name, value in parameters.items()})
         with pytest.raises(ConfigError):
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(30):
                 await engine.run(node)
 
 
@@ -190,6 +198,122 @@ class TestRelay:
             await until(lambda: told.stats["text"].delay_ms == 40)
             publisher.publish(String(data="late"))
             await until(lambda: got[-1] == "late")
+
+    async def test_a_throttle_ends_with_who_asked_for_it(self, master: Master) -> None:
+        relay = FlowRelay()
+        async with (
+            listener(master) as (node, told),
+            at_work(relay, master, stats_period_s=0.05, throttle_valid_s=0.5),
+        ):
+            got: list[str] = []
+            publisher = await node.advertise("text_qos", String)
+            await node.subscribe("text", String, lambda message: got.append(message.data))
+            async with throttler(master) as process:
+                await until(lambda: told.stats.get("text") and told.stats["text"].delayed == 1)
+                process.send_signal(signal.SIGKILL)
+                await process.wait()
+            publisher.publish(String(data="held, then sent"))
+            await until(lambda: told.stats["text"].delay_ms == 0)
+            await until(lambda: "held, then sent" in got)
+            throttle = await node.advertise("/throttle", Throttle)
+            await throttle.wait_for_subscribers(1, 30)
+            # Its sender's own time goes before the relay's.
+            throttle.publish(Throttle(topic="text", drop_every_nth=1, valid_s=3600))
+            (topic,) = relay.relayed.values()
+            loop = asyncio.get_running_loop()
+            await until(lambda: (topic.throttle.ends_s or 0) > loop.time() + 3000)
+            throttle.publish(Throttle(topic="text", drop_every_nth=7, valid_s=-1))
+            throttle.publish(Throttle(topic="text", drop_every_nth=3))
+            await until(lambda: topic.throttle.settings.drop_every_nth == 3)
+            await until(lambda: topic.throttle.settings.drop_every_nth == 0)
+
+    async def test_what_a_later_publisher_offers_counts(self, master: Master) -> None:
+        got: list[str] = []
+        anything = QosProfile(reliability=Reliability.BEST_EFFORT)
+        async with (
+            listener(master) as (node, told),
+            user_named("second", master) as second,
+            at_work(FlowRelay(), master),
+        ):
+            first = await node.advertise("text_qos", String, qos=QosProfile(liveliness_lease_s=5))
+            await node.subscribe(
+                "text", String, lambda message: got.append(message.data), qos=anything
+            )
+            await until(lambda: told.of("text") and told.of("text")[0].subscriber)
+            await first.wait_for_subscribers(1, 30)
+            (before,) = told.of("text")
+            assert (before.is_reliable, before.lease_ms) == (True, 5000)
+            # Only what the network is asked for: connections stay.
+            longer = await second.advertise(
+                "text_qos", String, qos=QosProfile(liveliness_lease_s=9)
+            )
+            await until(lambda: [flow.lease_ms for flow in told.of("text")] == [9000])
+            assert told.of("text")[0].source == before.source
+            await longer.close()
+            await until(lambda: [flow.lease_ms for flow in told.of("text")] == [5000])
+            # What is promised to subscribers: connections are made anew, and nothing is lost.
+            sent: list[str] = []
+
+            def send(_: object) -> None:
+                sent.append(str(len(sent)))
+                first.publish(String(data=sent[-1]))
+
+            sending = node.create_timer(0.005, send)
+            await until(lambda: len(got) > 20)
+            await second.advertise("text_qos", String, qos=anything)
+            await until(lambda: [flow.is_reliable for flow in told.of("text")] == [False])
+            await until(lambda: told.of("text")[0].source.port != before.source.port)
+            far = len(sent) + 20
+            await until(lambda: len(sent) > far)
+            sending.stop()
+            await until(lambda: got and got[-1] == sent[-1])
+            assert got == sent
+
+    async def test_latched_messages_survive_another_offer(self, master: Master) -> None:
+        got: list[str] = []
+        latched = QosProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
+        async with (
+            listener(master) as (node, told),
+            user_named("second", master) as second,
+            at_work(FlowRelay(), master),
+        ):
+            first = await node.advertise("text_qos", String, qos=latched)
+            first.publish(String(data="kept"))
+            await node.subscribe("text", String, lambda message: None, qos=latched)
+            await until(lambda: told.of("text"))
+            (before,) = told.of("text")
+            await second.advertise("text_qos", String, qos=latched.replace(depth=2))
+            await until(lambda: [f.source for f in told.of("text")] not in ([], [before.source]))
+            await second.subscribe("text", String, lambda m: got.append(m.data), qos=latched)
+            await until(lambda: got == ["kept"])
+
+    async def test_two_relays(self, master: Master, caplog: pytest.LogCaptureFixture) -> None:
+        """At once, and one after the other: one of them hands on what it can, the other stands by."""
+        got: list[str] = []
+        relays = [FlowRelay(), FlowRelay()]
+
+        def taken() -> list[list[str]]:
+            return [
+                sorted([*(want.source for want in relay.relayed), *relay.ends]) for relay in relays
+            ]
+
+        everything = ["more", "more_qos_out", "text_qos"]
+        async with user(master) as node, at_work(relays[1], master, name="relay_b"):
+            async with at_work(relays[0], master, name="relay_a"):
+                publisher = await node.advertise("text_qos", String)
+                await node.advertise("more_qos_out", String)
+                await node.subscribe("more_qos_in", String, lambda message: None)
+                await node.subscribe("text", String, lambda message: got.append(message.data))
+                # Each topic is taken up once, by whichever of them.
+                await until(lambda: sorted(taken()[0] + taken()[1]) == everything)
+                await until(lambda: "already" in caplog.text)
+                await publisher.wait_for_subscribers(1, 30)
+                await until(lambda: (publisher.publish(String(data="x")), got)[1])
+                publisher.publish(String(data="once"))
+                await until(lambda: "once" in got)
+                assert got.count("once") == 1
+            await until(lambda: taken()[1] == everything)
+            await until(lambda: (publisher.publish(String(data="y")), "y" in got)[1])
 
     async def test_does_not_publish_what_others_publish(
         self, master: Master, caplog: pytest.LogCaptureFixture
@@ -296,13 +420,64 @@ async def system(
             yield told, got, watcher
 
 
+@asynccontextmanager
+async def throttler(master: Master) -> AsyncIterator[asyncio.subprocess.Process]:
+    """Says again and again that each message is to be held back for a minute, and publishes one."""
+    text = """
+        import asyncio
+        from simple_ros.aio import NodeHandle
+        from simple_ros.msg.network_exposure_msgs import Throttle
+        from simple_ros.msg.std_msgs import String
+
+        async def main():
+            async with NodeHandle("throttler") as node:
+                publisher = await node.advertise("/throttle", Throttle)
+                texts = await node.advertise("text_qos", String)
+                await publisher.wait_for_subscribers(1)
+                await texts.wait_for_subscribers(1)
+                while True:
+                    publisher.publish(Throttle(topic="text", delay_ms=60_000))
+                    await asyncio.sleep(0.1)
+                    if texts is not None:
+                        texts.publish(String(data="held"))
+                        texts = None
+
+        asyncio.run(main())
+    """
+    async with program(text, master=master.address) as process:
+        yield process.process
+
+
+def is_steady(told: Listener) -> bool:
+    """A bit rate is reserved: on a busy machine timers may make the rate unsteady at first."""
+    return told.state().state == "active" and told.state().qci == 85
+
+
 async def flows_on(got: list[Twist]) -> None:
     """The topic flows, whatever else does not."""
     before = len(got)
     await until(lambda: len(got) > before + 5)
 
 
+@pytest.fixture
+async def judged(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[None]:
+    """All that watchers say to the network, and its answers, by the official files where they are."""
+    recorders: list[Recorder] = []
+
+    def recording(tls: ssl.SSLContext | None = None) -> Recorder:
+        recorders.append(Recorder(StandardTransport(tls)))
+        return recorders[-1]
+
+    monkeypatch.setattr(watcher_settings, "StandardTransport", recording)
+    yield
+    assert recorders
+    for recorder in recorders:
+        assert recorder.exchanges
+        assert await asyncio.to_thread(recorder.complaints) == []
+
+
 class TestWatcher:
+    @pytest.mark.usefixtures("judged")
     @pytest.mark.parametrize("backend", ["seal", "nef", "camara"])
     async def test_asks_watches_and_releases(self, master: Master, backend: str) -> None:
         async with MockServer(MockSettings(setup_s=0.05)) as mock:
@@ -311,26 +486,34 @@ class TestWatcher:
                 got,
                 _,
             ):
-                await until(lambda: told.state().state == "active")
+                await until(lambda: is_steady(told))
                 state = told.state()
-                assert (state.is_gbr, state.requests, state.is_unmet) == (True, 1, False)
-                assert state.qci == 85
-                assert "2000 ms" in state.warnings[0]
+                assert (state.is_gbr, state.is_unmet) == (True, False)
+                said = [text for one in told.states for flow in one.flows for text in flow.warnings]
+                assert any("2000 ms" in text for text in said)
                 assert told.states[-1].is_simulated
                 assert told.states[-1].backend == backend
+                await until(lambda: len(mock.network.bearers) == 1)
                 (bearer,) = mock.network.bearers.values()
                 assert str(state.source.port) in bearer.flow
-                assert bool(mock.seal.groups) == (backend == "seal")
+                assert [group["members"] for group in mock.seal.groups.values()] == (
+                    [[{"valUeId": "r1@example.com"}]] if backend == "seal" else []
+                )
+                if backend == "seal":
+                    # Group, adaptation and monitoring: all three of SEAL, and what is measured is told.
+                    await until(lambda: mock.seal.monitors)
+                    await until(lambda: any(item.measurements["ul_delay_ms"] for item in told.told))
                 await until(lambda: told.of("cmd_vel")[0].dscp == 18)
                 await flows_on(got)
             assert not mock.network.bearers
             assert not mock.seal.groups
 
+    @pytest.mark.usefixtures("judged")
     @pytest.mark.parametrize("backend", ["seal", "nef"])
     async def test_downgrade_and_recovery(self, master: Master, backend: str) -> None:
         async with MockServer(MockSettings(setup_s=0.0)) as mock:
             async with system(master, mock, backend=backend) as (told, got, _):
-                await until(lambda: told.state().state == "active")
+                await until(lambda: is_steady(told))
                 await until(lambda: backend == "nef" or mock.seal.monitors)
                 mock.control({"capacity_bps": 0})
                 await until(lambda: told.state().state == "degraded")
@@ -340,6 +523,22 @@ class TestWatcher:
                 assert told.told[-1].topic == "cmd_vel"
                 await flows_on(got)
 
+    async def test_the_smallest_window_is_enough(self, master: Master) -> None:
+        """A relay that measures over 2 s, and a watcher that wants 2 s, with nothing else set."""
+        async with MockServer(MockSettings(setup_s=0.0)) as mock:
+            async with (
+                listener(master) as (node, told),
+                at_work(FlowRelay(), master, window_s=2.0),
+                at_work(TopicWatcher(), master, url=mock.url),
+            ):
+                publisher = await node.advertise("cmd_vel_qos", Twist)
+                await node.subscribe("cmd_vel", Twist, lambda message: None)
+                node.create_timer(0.05, lambda _: publisher.publish(Twist()))
+                await until(lambda: told.state().state == "active")
+                assert told.stats["cmd_vel"].window_duration_s == 2
+                assert list(told.state().warnings) == []
+
+    @pytest.mark.usefixtures("judged")
     async def test_asks_anew_when_the_rate_changes(self, master: Master) -> None:
         async with MockServer(MockSettings(setup_s=0.0)) as mock:
             async with (
@@ -376,11 +575,11 @@ class TestWatcher:
         async with MockServer(MockSettings(setup_s=0.0)) as mock:
             mock.control(faults)
             async with system(master, mock) as (told, got, _):
-                await until(lambda: told.state().state == "failed", limit=20)
+                await until(lambda: told.state().state == "failed", limit=60)
                 assert told.state().detail
                 await flows_on(got)
                 mock.control({name: type(value)(0) for name, value in faults.items()})
-                await until(lambda: told.state().state == "active", limit=20)
+                await until(lambda: told.state().state == "active", limit=60)
 
     async def test_advice_goes_first_in_mode_ai(self, master: Master) -> None:
         async with MockServer(MockSettings(setup_s=0.0)) as mock:
@@ -388,15 +587,16 @@ class TestWatcher:
                 system(master, mock, mode="ai") as (told, got, _),
                 user_named("policy", master) as policy,
             ):
-                await until(lambda: told.state().qci == 85 and told.state().state == "active")
+                await until(lambda: is_steady(told))
                 advice = await policy.advertise("/qos_advice", QosAdvice)
-                await advice.wait_for_subscribers(1, 10)
+                await advice.wait_for_subscribers(1, 30)
                 advice.publish(QosAdvice(topic="/cmd_vel", latency_budget_ms=100, error_rate=1e-2))
                 await until(lambda: told.state().qci == 1 and told.state().state == "active")
                 assert list(told.state().alternatives) == [75, 3, 84]
                 assert told.states[-1].mode == "ai"
                 await flows_on(got)
 
+    @pytest.mark.usefixtures("judged")
     async def test_tunnels_are_asked_for_and_steered(self, master: Master) -> None:
         got: list[String] = []
         async with MockServer(MockSettings(setup_s=0.0)) as mock:
@@ -483,6 +683,40 @@ class TestWatcher:
                     assert await process.wait() == 0
             assert not mock.network.bearers
 
+    @pytest.mark.usefixtures("judged")
+    async def test_camara_by_https_both_ways(self, master: Master, tmp_path: Path) -> None:
+        """Its events are taken by https only; and the network wants to know who its clients are."""
+        mine = made_in(tmp_path)
+        async with MockServer(
+            MockSettings(setup_s=0.2),
+            client_id="robot",
+            client_secret="hush",
+            tls=server_tls(mine, wants_clients=True),
+            notifies=StandardTransport(client_tls(str(mine))),
+        ) as mock:
+            secret = tmp_path / "secret"
+            secret.write_text("hush")
+            told_how = {
+                "backend": "camara",
+                "token_url": mock.token_url,
+                "client_id": "robot",
+                "secret_file": str(secret),
+                "ca_file": str(mine),
+                "cert_file": str(mine),
+                "notify_cert": str(mine),
+                "session_s": 60.0,
+            }
+            async with system(master, mock, **told_how) as (told, got, _watcher):
+                await until(lambda: told.state().state == "active")
+                granted = [item for item in told.told if item.event == QosNotification.GRANTED]
+                assert len(granted) == 1
+                (first,) = mock.network.bearers
+                mock.terminate(first)
+                await until(lambda: set(mock.network.bearers) not in (set(), {first}))
+                assert QosNotification.TERMINATED in {item.event for item in told.told}
+                await until(lambda: told.state().state == "active")
+                await flows_on(got)
+
     async def test_secrets_and_certificates(self, master: Master, tmp_path: Path) -> None:
         secret = tmp_path / "secret"
         secret.write_text("hush\n")
@@ -553,6 +787,28 @@ async def test_mock_command_and_control() -> None:
         if mock.returncode is None:
             mock.kill()
             await mock.wait()
+
+
+async def test_classes_command() -> None:
+    code, text, errors = await run("network", "classes", "84", "9", "86", "5")
+    assert (code, errors) == (0, "")
+    head, *rows = text.splitlines()
+    assert head.split()[:4] == ["QCI", "type", "priority", "delay"]
+    assert rows[0].startswith(
+        "84   critical GBR  24        30 ms   1e-05   1354 B   18    intelligent"
+    )
+    assert rows[1].startswith(
+        "9    Non-GBR       90        300 ms  1e-06   -        0     buffered"
+    )
+    assert rows[2].endswith("(5G only)")
+    assert rows[3].endswith("(for who is authorised)")
+    rows = await run_json("network", "classes")
+    assert [row["qci"] for row in rows] == sorted(QCI)
+    windows = {row["averaging_window_ms"] for row in rows if row["resource"] == "GBR"}
+    assert windows == {2000}
+    code, _, errors = await run("network", "classes", "11")
+    assert code != 0
+    assert "no QCI 11" in errors
 
 
 async def test_mock_port_taken() -> None:

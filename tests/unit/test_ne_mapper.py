@@ -264,3 +264,34 @@ class TestMeter:
         for n in range(40):
             meter.sent(1, n / 10 + (0.01 if n % 2 else 0))
         assert meter.traffic(4.0).jitter_s == pytest.approx(0.01, rel=0.02)
+
+    @pytest.mark.parametrize("window_s", [2.0, 5.0, 10.0])
+    @pytest.mark.parametrize("rate_hz", [1.3, 7.0, 30.0])
+    def test_a_window_is_whole_wherever_its_messages_fall(
+        self, window_s: float, rate_hz: float
+    ) -> None:
+        meter, mapper = FlowMeter(window_s), FlowMapper()
+        found = None
+        for n in range(int(rate_hz * 15)):
+            meter.sent(200, n / rate_hz)
+            seen = meter.traffic(n / rate_hz)
+            assert seen.duration_s == pytest.approx(min(window_s, n / rate_hz))
+            found = mapper.look(seen, 200, FlowProfile(), n / rate_hz)
+        assert found is not None
+        assert not found.warnings
+
+    def test_a_topic_that_begins_anew_has_no_whole_window(self) -> None:
+        meter = FlowMeter(2.0)
+        for n in range(50):
+            meter.sent(200, n / 10)
+        assert meter.traffic(5.0).duration_s == 2.0
+        meter.sent(200, 60.0)
+        meter.sent(200, 60.1)
+        assert meter.traffic(60.1).duration_s == pytest.approx(0.1)
+
+    def test_more_messages_than_are_kept(self) -> None:
+        meter = FlowMeter(2.0)
+        for n in range(60_000):
+            meter.sent(10, n / 20_000)
+        seen = meter.traffic(3.0)
+        assert (seen.duration_s, round(seen.rate_hz)) == (2.0, 20_000)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any, ClassVar
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +18,7 @@ from simple_ros_engines.network_exposure.reorder import (
     TunnelMeter,
 )
 from simple_ros_engines.network_exposure.statistics import FlowMeter
-from simple_ros_engines.network_exposure.tags import Role, Tagged, TagRules, collisions
+from simple_ros_engines.network_exposure.tags import Role, Tagged, TagRules
 from simple_ros_engines.network_exposure.throttle import Throttle, ThrottleSettings
 
 
@@ -58,12 +60,6 @@ class TestTags:
         with pytest.raises(ConfigError, match="tag"):
             TagRules(**tags)
 
-    def test_collisions(self) -> None:
-        rules = TagRules()
-        found = [rules.parse("a_qos"), rules.parse("b_qos")]
-        tagged = [item for item in found if item is not None]
-        assert collisions(tagged, {"a": "camera"}) == {"a_qos": "a is published by camera already"}
-
 
 class TestThrottle:
     def test_drops_every_nth(self) -> None:
@@ -88,6 +84,26 @@ class TestThrottle:
         assert throttle.due(1.04) == []
         assert throttle.put(2, 1.05) == [1]
         assert throttle.held == 1
+
+    def test_ends_by_itself_unless_it_is_said_again(self) -> None:
+        throttle: Throttle[int] = Throttle()
+        throttle.ask(ThrottleSettings(drop_every_nth=1, delay_messages=3), 10, 2)
+        assert throttle.ends_s == 12
+        assert not throttle.lapse(11.9)
+        throttle.ask(ThrottleSettings(delay_messages=3), 11.9, 2)
+        assert throttle.put(7, 12) == []
+        assert not throttle.lapse(13.8)
+        assert throttle.lapse(13.9)
+        assert throttle.settings == ThrottleSettings()
+        assert throttle.due(13.9) == [7]
+        assert not throttle.lapse(20)
+        throttle.ask(ThrottleSettings(drop_every_nth=2), 20)
+        assert throttle.ends_s is None
+        throttle.ask(ThrottleSettings(), 20, 5)
+        assert throttle.ends_s is None
+        for wrong in (-1, float("nan"), float("inf")):
+            with pytest.raises(ConfigError, match="valid_s"):
+                throttle.ask(ThrottleSettings(), 20, wrong)
 
     @pytest.mark.parametrize(
         "wrong", [{"drop_every_nth": -1}, {"delay_messages": 1001}, {"delay_ms": float("nan")}]
@@ -233,6 +249,51 @@ class TestPlan:
         assert plan(
             graph(("app", "", ["a_qos"], []), ("relay", "", ["a"], [])), "relay", PlanSettings()
         ).wanted
+
+
+FLOWS = "/unique_network_flow"
+
+
+class TestTwoRelays:
+    """One relay for each topic."""
+
+    APP = ("app", "10.0.0.1", ["a_qos", "b_qos_out"], ["b_qos_in"])
+    TUNNELS: ClassVar[list[str]] = ["b_qos_tunnel"]
+
+    def plan(self, own: str, *nodes: Any, held: set[Wanted] | None = None) -> tuple[set[str], str]:
+        found = plan(graph(self.APP, *nodes), own, PlanSettings(), held or set())
+        return {want.base for want in found.wanted}, " ".join(found.refused.values())
+
+    def test_who_comes_second_leaves_it_alone(self) -> None:
+        first = ("one", "", [FLOWS, "a", *self.TUNNELS, "b_qos_in"], ["a_qos", "b_qos_out"])
+        taken, why = self.plan("two", first)
+        assert taken == set()
+        assert "relayed to a by one already" in why
+        assert "relayed to b_qos_tunnel by one already" in why
+        assert "relayed to b_qos_in by one already" in why
+        quiet = ("one", "", [FLOWS, "a", *self.TUNNELS], ["a_qos", "b_qos_tunnel"])
+        assert "one takes it out of its tunnel already" in self.plan("two", quiet)[1]
+
+    def test_and_takes_over_when_the_first_is_gone(self) -> None:
+        assert self.plan("two", ("one", "", [FLOWS], []))[0] == {"a", "b"}
+
+    @pytest.mark.parametrize(("own", "goes_on"), [("one", True), ("two", False)])
+    def test_of_two_at_once_the_first_by_name_goes_on(self, own: str, goes_on: bool) -> None:
+        both = [
+            (name, "", [FLOWS, "a", *self.TUNNELS, "b_qos_in"], ["a_qos", "b_qos_out"])
+            for name in ("one", "two")
+        ]
+        wants = plan(graph(self.APP), own, PlanSettings()).wanted
+        tunnel = Wanted(Role.TUNNEL_END, "b", "b_qos_tunnel")
+        taken, why = self.plan(own, *both, held={*wants, tunnel})
+        assert (taken == {"a", "b"}) == goes_on
+        assert bool(why) != goes_on
+
+    def test_somebody_who_is_no_relay_goes_first(self) -> None:
+        wants = {Wanted(Role.RELAY, "a", "a_qos", "t.T")}
+        taken, why = self.plan("a_relay", ("old", "", ["a"], ["a_qos"]), held=wants)
+        assert "a" not in taken
+        assert why == "a is published by old already"
 
 
 class TestRaw:

@@ -264,6 +264,20 @@ class TestWatcherCore:
         core.stats_came(stats(messages=80), 9)
         assert carry_out(core, 9) == [("pose", Action.REQUEST)]
 
+    def test_flows_of_a_relay_that_is_gone_are_forgotten(self) -> None:
+        core = self.core()
+        core.flows_came(flows(flow()), 0)
+        core.stats_came(stats(messages=50), 1)
+        core.stats_came(stats(messages=70), 3)
+        carry_out(core, 3)
+        assert carry_out(core, 33) == []
+        assert carry_out(core, 33.5) == [("pose", Action.RELEASE)]
+        core.look(34)
+        assert not core.flows
+        # It was only slow: it tells its flows every ten seconds.
+        core.flows_came(flows(flow()), 40)
+        assert core.flows
+
     def test_notifications_find_their_flow(self) -> None:
         core = self.core()
         core.flows_came(flows(flow()), 0)

@@ -111,6 +111,7 @@ class FlowSession:
         session_id: Under which it knows the flow; empty if it does not.
         requests: Sent so far, updates among them.
         detail: What went wrong last; empty after a success.
+        is_refused: Whether the network said no last, rather than nothing.
     """
 
     def __init__(self, settings: SessionSettings | None = None) -> None:
@@ -120,6 +121,7 @@ class FlowSession:
         self.session_id = ""
         self.requests = 0
         self.detail = ""
+        self.is_refused = False
         self._settings = settings or SessionSettings()
         self._running: Command | None = None
         self._prepared: set[Action] = set()
@@ -176,7 +178,7 @@ class FlowSession:
         """The command under way succeeded."""
         command, self._running = self._running, None
         assert command is not None
-        self._failures, self._retry_at, self.detail = 0, 0.0, ""
+        self._failures, self._retry_at, self.detail, self.is_refused = 0, 0.0, "", False
         match command.action:
             case Action.GROUP | Action.JOIN:
                 self._prepared.add(command.action)

@@ -54,4 +54,11 @@ async def offered_by(client: MasterClient, topic: str) -> Offered:
         for node in known.publishers
         if node.HasField("endpoint") and node.endpoint.HasField("qos")
     ]
-    return Offered(weakest(offers) if offers else QosProfile())
+    return Offered(_least(offers) if offers else QosProfile())
+
+
+def _least(offers: list[QosProfile]) -> QosProfile:
+    """The least of each policy; messages live as long as those that live longest."""
+    lifespans = [offer.lifespan_s for offer in offers]
+    longest = None if None in lifespans else max(filter(None, lifespans), default=None)
+    return weakest(offers).replace(lifespan_s=longest)

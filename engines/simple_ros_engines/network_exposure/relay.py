@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Sequence
 from typing import ClassVar
 
 from simple_ros.engine import Engine
 from simple_ros.errors import ConfigError, MasterUnavailable, SimpleRosError
+from simple_ros.graph import GraphSnapshot
 from simple_ros.graph_source import fetch_graph
 from simple_ros.msg.network_exposure_msgs import (
     FlowQosArray,
@@ -22,10 +22,15 @@ from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher
 from simple_ros.qos import Durability, QosProfile
 from simple_ros_engines.network_exposure.offers import offered_by
-from simple_ros_engines.network_exposure.relay_plan import PlanSettings, RelayPlan, Wanted, plan
-from simple_ros_engines.network_exposure.relayed import RelayedTopic, TopicSettings
-from simple_ros_engines.network_exposure.reorder import DropLate, HoldBack
-from simple_ros_engines.network_exposure.tags import Role, TagRules
+from simple_ros_engines.network_exposure.relay_plan import (
+    FLOWS_TOPIC,
+    RelayPlan,
+    Wanted,
+    plan,
+)
+from simple_ros_engines.network_exposure.relay_settings import RelaySettings, relay_settings
+from simple_ros_engines.network_exposure.relayed import RelayedTopic
+from simple_ros_engines.network_exposure.tags import Role
 from simple_ros_engines.network_exposure.throttle import ThrottleSettings
 from simple_ros_engines.network_exposure.tunnel_end import TunnelEnd
 
@@ -33,14 +38,15 @@ __all__ = ["FLOWS_TOPIC", "STATS_TOPIC", "FlowRelay"]
 
 logger = logging.getLogger(__name__)
 
-FLOWS_TOPIC = "/unique_network_flow"
 STATS_TOPIC = "/unique_network_flow_stats"
 QOS_TOPIC = "/network_flow_state"
 THROTTLE_TOPIC = "/throttle"
 SELECT_TOPIC = "/tunnel_select"
 LATCHED_FLOWS = QosProfile(depth=50, durability=Durability.TRANSIENT_LOCAL)
-_ROLES = {"relay": Role.RELAY, "out": Role.TUNNEL_START, "in": Role.TUNNEL_END}
 _AGAIN_S = 1.0
+_REFRESH_S = 10.0
+Publishing = frozenset[tuple[str, str, int]]
+"""Nodes by name, address and port: a node that was started again is another one."""
 
 
 class FlowRelay(Engine):
@@ -51,7 +57,8 @@ class FlowRelay(Engine):
     (only topics that begin, or come out, on this host); ``transports``; ``window_s``, ``stats_period_s``;
     ``qcis`` (tunnels of each topic, one for each class; none for one without); ``latency_budgets``
     (``TOPIC=MS``); ``dscp`` (``TOPIC=CODE``); ``mark`` (mark flows as the class that was asked for
-    them); ``reorder`` (``drop_late``, ``hold``), ``hold_ms``.
+    them); ``throttle_valid_s`` (a throttle ends by itself after so long, unless its sender says otherwise or
+    says it again; 0: it stays); ``reorder`` (``drop_late``, ``hold``), ``hold_ms``.
     """
 
     node_name: ClassVar[str] = "flow_relay"
@@ -61,12 +68,12 @@ class FlowRelay(Engine):
         self.relayed: dict[Wanted, RelayedTopic] = {}
         self.ends: dict[str, TunnelEnd] = {}
         self._node: NodeHandle | None = None
-        self._plan = PlanSettings()
+        self._settings = RelaySettings()
         self._refused: dict[str, str] = {}
+        self._offerers: dict[Wanted, Publishing] = {}
+        self._is_stale = False
         self._changed = asyncio.Event()
         self._flows: Publisher[UniqueTopicFlows] | None = None
-        self._budgets: dict[str, float] = {}
-        self._dscp: dict[str, float] = {}
 
     async def run(self, node: NodeHandle) -> None:
         """Work until cancelled or the node ends.
@@ -75,15 +82,15 @@ class FlowRelay(Engine):
             ConfigError: A parameter makes no sense.
         """
         self._node = node
-        await self._declare(node)
+        self._settings = await relay_settings(node)
         self._flows = await node.advertise(FLOWS_TOPIC, UniqueTopicFlows, qos=LATCHED_FLOWS)
         stats = await node.advertise(STATS_TOPIC, UniqueTopicFlowStats, qos=QosProfile(depth=10))
         await node.subscribe(THROTTLE_TOPIC, Throttle, self._throttle)
         await node.subscribe(SELECT_TOPIC, TunnelSelect, self._select)
         await node.subscribe(QOS_TOPIC, FlowQosArray, self._qos)
         self._publish_flows()
-        period_s = float(node.parameters["~stats_period_s"])
-        node.create_timer(period_s, lambda _: stats.publish(self._stats()))
+        node.create_timer(self._settings.stats_period_s, lambda _: stats.publish(self._stats()))
+        node.create_timer(_REFRESH_S, lambda _: self._refresh())
         tasks = [
             asyncio.create_task(work) for work in (self._watch(), self._keep_up(), node.spin())
         ]
@@ -96,40 +103,6 @@ class FlowRelay(Engine):
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
             await self._close()
-
-    async def _declare(self, node: NodeHandle) -> None:
-        get = node.declare_parameter
-        tags = TagRules()
-        rules = TagRules(
-            str(await get("~tag", tags.relay, read_only=True)),
-            str(await get("~out_tag", tags.start, read_only=True)),
-            str(await get("~in_tag", tags.end, read_only=True)),
-            str(await get("~tunnel_tag", tags.tunnel, read_only=True)),
-            str(await get("~qci_tag", tags.per_qci, read_only=True)),
-        )
-        topics = await get("~topics", [], type="string[]", read_only=True)
-        roles = await get("~roles", list(_ROLES), read_only=True)
-        only_local = bool(await get("~only_local", False, read_only=True))
-        await get("~transports", ["tcp"], read_only=True)
-        await get("~window_s", 5.0, minimum=2.0, maximum=10.0, read_only=True)
-        await get("~stats_period_s", 1.0, minimum=0.05, maximum=60.0, read_only=True)
-        await get("~qcis", [], type="int[]", read_only=True)
-        await get("~mark", True)
-        await get("~reorder", "drop_late", choices=("drop_late", "hold"), read_only=True)
-        await get("~hold_ms", 50.0, minimum=0.0, maximum=10_000.0, read_only=True)
-        self._budgets = _pairs(
-            "latency_budgets", await get("~latency_budgets", [], type="string[]", read_only=True)
-        )
-        self._dscp = _pairs("dscp", await get("~dscp", [], type="string[]", read_only=True))
-        unknown = set(roles) - _ROLES.keys()
-        if unknown:
-            raise ConfigError(f"roles: {', '.join(unknown)} is none of {', '.join(_ROLES)}")
-        self._plan = PlanSettings(
-            rules,
-            frozenset(_ROLES[name] for name in roles),
-            frozenset(node.resolve_name(topic) for topic in topics),
-            node.ip if only_local else "",
-        )
 
     # -- the graph -------------------------------------------------------------------------------
 
@@ -156,18 +129,48 @@ class FlowRelay(Engine):
                 self._changed.set()
                 await asyncio.sleep(_AGAIN_S)
 
+    def _refresh(self) -> None:
+        """Look again, and say again: what changed may have been no change of the graph, or told to nobody."""
+        self._is_stale = True
+        self._changed.set()
+        self._publish_flows()
+
     async def _follow(self) -> None:
         assert self._node is not None
         graph = await fetch_graph(self._node.client)
-        wanted = plan(graph, self._node.name, self._plan)
+        wanted = plan(graph, self._node.name, self._settings.plan, self._held())
         self._report(wanted.refused)
-        for want in wanted.wanted - self.relayed.keys():
-            if want.role is not Role.TUNNEL_END:
-                await self._take_up(want)
         for want in self.relayed.keys() - wanted.wanted:
             await self.relayed.pop(want).close()
             self._publish_flows()
+        is_stale, self._is_stale = self._is_stale, False
+        for want in wanted.wanted:
+            if want.role is Role.TUNNEL_END:
+                continue
+            now = _publishing(graph, want.source)
+            if want not in self.relayed:
+                await self._take_up(want)
+            elif is_stale or now != self._offerers.get(want):
+                await self._look_at_offers(want)
+            self._offerers[want] = now
         await self._follow_ends(wanted)
+
+    def _held(self) -> set[Wanted]:
+        """What this relay hands on now."""
+        rules = self._settings.plan.rules
+        ends = {Wanted(Role.TUNNEL_END, base, rules.tunnel_topic(base)) for base in self.ends}
+        return self.relayed.keys() | ends
+
+    async def _look_at_offers(self, want: Wanted) -> None:
+        """A publisher came or went: the topic offers what all of them offer."""
+        assert self._node is not None
+        topic = self.relayed[want]
+        offered = await offered_by(self._node.client, want.source)
+        profile = self._settings.profile(want, offered)
+        if (profile, offered.relayed) != (topic.profile, topic.settings.qos):
+            logger.info("%s offers something else now", want.source)
+            await topic.reoffer(profile, offered.relayed)
+            self._publish_flows()
 
     def _report(self, refused: dict[str, str]) -> None:
         for topic, reason in refused.items():
@@ -177,25 +180,15 @@ class FlowRelay(Engine):
 
     async def _take_up(self, want: Wanted) -> None:
         assert self._node is not None
-        is_tunnel = want.role is Role.TUNNEL_START
-        parameters = self._node.parameters
-        qcis: Sequence[int] = parameters["~qcis"] if is_tunnel else ()
-        rules = self._plan.rules
-        outputs = {rules.tunnel_topic(want.base, qci): qci for qci in qcis} or {
-            rules.tunnel_topic(want.base) if is_tunnel else want.base: 0
-        }
         try:
             offered = await offered_by(self._node.client, want.source)
-            settings = TopicSettings(
-                tuple(parameters["~transports"]),
-                float(parameters["~window_s"]),
-                qcis,
-                offered.profile(self._said(self._budgets, want) or 0.0),
-                offered.relayed,
-                _code_point(self._said(self._dscp, want)),
-            )
             topic = RelayedTopic(
-                self._node, want, outputs, settings, is_tunnel=is_tunnel, on_flow=self._flow_changed
+                self._node,
+                want,
+                self._settings.outputs(want),
+                self._settings.of(want, offered),
+                is_tunnel=want.role is Role.TUNNEL_START,
+                on_flow=self._flow_changed,
             )
             self.relayed[want] = topic
             await topic.start()
@@ -206,25 +199,16 @@ class FlowRelay(Engine):
             if failed is not None:
                 await failed.close()
 
-    def _said(self, values: dict[str, float], want: Wanted) -> float | None:
-        """What was said about a topic, by its name with or without the tag."""
-        return values.get(want.base, values.get(want.source))
-
     async def _follow_ends(self, wanted: RelayPlan) -> None:
         assert self._node is not None
         bases = {want.base for want in wanted.wanted if want.role is Role.TUNNEL_END}
-        parameters = self._node.parameters
+        settings = self._settings
         for base in self.ends.keys() - bases:
             await self.ends.pop(base).close()
         for base in bases:
             if base not in self.ends:
-                hold_s = float(parameters["~hold_ms"]) / 1000
-                self.ends[base] = TunnelEnd(
-                    self._node,
-                    self._plan.rules.out_topic(base),
-                    HoldBack(hold_s) if parameters["~reorder"] == "hold" else DropLate(),
-                    float(parameters["~window_s"]),
-                )
+                out = settings.plan.rules.out_topic(base)
+                self.ends[base] = TunnelEnd(self._node, out, settings.order(), settings.window_s)
             await self.ends[base].follow(wanted.tunnels[base])
 
     async def _close(self) -> None:
@@ -238,15 +222,16 @@ class FlowRelay(Engine):
     # -- what it is told -------------------------------------------------------------------------
 
     def _throttle(self, message: Throttle) -> None:
+        assert self._node is not None
+        valid_s = message.valid_s or float(self._node.parameters["~throttle_valid_s"])
         try:
             settings = ThrottleSettings(
                 message.drop_every_nth, message.message_delay, message.delay_ms
             )
+            for topic in self._of(message.topic):
+                topic.set_throttle(settings, valid_s)
         except ConfigError as error:
             logger.warning("throttle of %s: %s", message.topic, error)
-            return
-        for topic in self._of(message.topic):
-            topic.set_throttle(settings)
 
     def _select(self, message: TunnelSelect) -> None:
         for topic in self._of(message.topic):
@@ -259,7 +244,7 @@ class FlowRelay(Engine):
         if not name:
             return list(self.relayed.values())
         name = self._node.resolve_name(name)
-        rules = self._plan.rules
+        rules = self._settings.plan.rules
         return [
             topic
             for topic in self.relayed.values()
@@ -310,21 +295,9 @@ class FlowRelay(Engine):
         return message
 
 
-def _pairs(what: str, items: Sequence[str]) -> dict[str, float]:
-    """``TOPIC=NUMBER`` as a table.
-
-    Raises:
-        ConfigError: One is of another form.
-    """
-    found = {}
-    for item in items:
-        topic, _, number = item.rpartition("=")
-        try:
-            found[topic.strip("/")] = float(number)
-        except ValueError as error:
-            raise ConfigError(f"{what}: {item!r} is not TOPIC=NUMBER") from error
-    return found
-
-
-def _code_point(number: float | None) -> int | None:
-    return None if number is None else int(number)
+def _publishing(graph: GraphSnapshot, topic: str) -> Publishing:
+    return frozenset(
+        (node.name, node.ip, node.port)
+        for node in graph.nodes
+        if any(key.topic == topic for key in node.publishes)
+    )

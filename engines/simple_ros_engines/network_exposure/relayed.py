@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import logging
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from simple_ros.large import LargeMessage, large
 from simple_ros.msg.network_exposure_msgs import Serialized, UniqueTopicFlow, UniqueTopicFlowStat
+from simple_ros.net.transport import Transport
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher
-from simple_ros.qos import QosProfile, Reliability
+from simple_ros.qos import Durability, QosProfile, Reliability
 from simple_ros.subscriber import Subscriber
 from simple_ros_engines.marking import Marks
 from simple_ros_engines.network_exposure.exposure.model import FiveTuple
@@ -27,11 +31,15 @@ from simple_ros_engines.network_exposure.throttle import Throttle, ThrottleSetti
 
 __all__ = ["TAKES_ANY", "LargeSerialized", "RelayedTopic", "TopicSettings"]
 
+logger = logging.getLogger(__name__)
+
 LargeSerialized = large(Serialized)
 TAKES_ANY = QosProfile(depth=100, reliability=Reliability.BEST_EFFORT)
 """Requests nothing that a publisher might not offer; what it offers is kept up all the same."""
 _BURST_SHARE = 0.9
 """Of the delay needed: two messages that are a period apart, less their jitter, are no burst."""
+_MOST_HELD = 100
+_LINKED_AGAIN_S = 1.0
 FlowCallback = Callable[[UniqueTopicFlow], None]
 
 
@@ -64,6 +72,7 @@ class _Way:
     qci: int
     marks: Marks
     flows: FlowSet
+    transports: tuple[Transport, ...]
     publisher: Publisher[Any] | None = None
     sent: int = 0
 
@@ -104,8 +113,11 @@ class RelayedTopic:
         self._on_flow = on_flow
         self._ways: list[_Way] = []
         self._chosen = 0
+        self._held: deque[Raw] = deque(maxlen=_MOST_HELD)
+        self._is_reopening = False
         self._subscriber: Subscriber[Raw] | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._lapsing: asyncio.TimerHandle | None = None
         self._loop = asyncio.get_running_loop()
         self._session = time.time_ns()
         self._start_s = time.time()
@@ -123,12 +135,18 @@ class RelayedTopic:
     async def start(self) -> None:
         """Advertise and subscribe."""
         for topic, qci in self._outputs.items():
-            await self._open(topic, qci)
+            way = self._way(topic, qci)
+            # Connections may stand before `advertise` has returned.
+            self._ways.append(way)
+            await self._advertise(way)
+        await self._subscribe()
+
+    async def _subscribe(self) -> None:
         self._subscriber = await self._node.subscribe(
             self.wanted.source, raw_class(self.wanted.msg_type), self._came, qos=TAKES_ANY
         )
 
-    async def _open(self, topic: str, qci: int) -> None:
+    def _way(self, topic: str, qci: int) -> _Way:
         def changed(flow: FiveTuple, is_there: bool) -> None:
             event = UniqueTopicFlow.ADDED if is_there else UniqueTopicFlow.REMOVED
             self._on_flow(self._message(way, flow, event))
@@ -137,20 +155,54 @@ class RelayedTopic:
         dscp = dscp_of(qci) if qci else self.settings.dscp
         if dscp is not None:
             marks.set(dscp=dscp)
-        # Connections may stand before `advertise` has returned.
-        way = _Way(topic, qci, marks, flows)
-        self._ways.append(way)
+        way = _Way(topic, qci, marks, flows, transports)
+        return way
+
+    async def _advertise(self, way: _Way) -> Publisher[Any]:
         message_class: type[Raw | LargeMessage[Serialized]] = (
             LargeSerialized if self.is_tunnel else raw_class(self.wanted.msg_type)
         )
         way.publisher = await self._node.advertise(
-            topic, message_class, qos=self.settings.qos, transports=transports
+            way.topic, message_class, qos=self.settings.qos, transports=way.transports
         )
+        return way.publisher
+
+    async def reoffer(self, profile: FlowProfile, qos: QosProfile) -> None:
+        """The application's publishers offer something else: so does the relay, and it tells that.
+
+        Where what is offered to subscribers changes, connections are made anew; messages that come meanwhile wait.
+        """
+        is_same = qos == self.settings.qos and all(way.publisher for way in self._ways)
+        self.settings = replace(self.settings, profile=profile, qos=qos)
+        if is_same:
+            return
+        self._is_reopening = True
+        try:
+            for way in self._ways:
+                await self._reopen(way)
+        finally:
+            self._is_reopening = False
+        while self._held:
+            self._send(self._held.popleft())
+        if qos.durability is Durability.TRANSIENT_LOCAL and self._subscriber is not None:
+            # A publisher that is new has no history: the application's is asked for it.
+            await self._subscriber.close()
+            await self._subscribe()
+
+    async def _reopen(self, way: _Way) -> None:
+        old, way.publisher = way.publisher, None
+        linked = 0 if old is None else old.subscriber_count
+        if old is not None:
+            await old.close()
+        publisher = await self._advertise(way)
+        with contextlib.suppress(TimeoutError):
+            await publisher.wait_for_subscribers(linked, _LINKED_AGAIN_S)
 
     async def close(self) -> None:
         """End it."""
-        if self._timer is not None:
-            self._timer.cancel()
+        for timer in (self._timer, self._lapsing):
+            if timer is not None:
+                timer.cancel()
         if self._subscriber is not None:
             await self._subscriber.close()
         for way in self._ways:
@@ -178,7 +230,8 @@ class RelayedTopic:
     def _send(self, message: Raw) -> None:
         way = self._ways[self._chosen]
         publisher = way.publisher
-        if publisher is None:
+        if publisher is None or self._is_reopening:
+            self._held.append(message)
             return
         if publisher.subscriber_count:
             self.meter.sent(len(message), self._loop.time())
@@ -200,9 +253,30 @@ class RelayedTopic:
 
     # -- what it is told -------------------------------------------------------------------------
 
-    def set_throttle(self, settings: ThrottleSettings) -> None:
-        """Make it worse, or no worse any more."""
-        self.throttle.settings = settings
+    def set_throttle(self, settings: ThrottleSettings, valid_s: float = 0.0) -> None:
+        """Make it worse, or no worse any more; for ``valid_s`` seconds unless it is said again, 0 for good.
+
+        Raises:
+            ConfigError: The time is no number of seconds.
+        """
+        self.throttle.ask(settings, self._loop.time(), valid_s)
+        if self._lapsing is not None:
+            self._lapsing.cancel()
+        ends_s = self.throttle.ends_s
+        self._lapsing = None if ends_s is None else self._loop.call_at(ends_s, self._lapse)
+        self._hurry()
+
+    def _lapse(self) -> None:
+        self._lapsing = None
+        # A loop may ring a moment early.
+        if self.throttle.lapse(max(self._loop.time(), self.throttle.ends_s or 0.0)):
+            logger.warning("%s is throttled no more: nobody has said so again", self.topic)
+        self._hurry()
+
+    def _hurry(self) -> None:
+        """What waited by other settings may be due now."""
+        if self._timer is not None:
+            self._timer.cancel()
         self._ring()
 
     def select(self, qci: int) -> bool:

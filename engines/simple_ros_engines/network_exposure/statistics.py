@@ -21,7 +21,8 @@ class Traffic:
     """What was sent within the window.
 
     Attributes:
-        duration_s: From the oldest message counted to now, at most the window.
+        duration_s: The time that all this is about: the window, or since the topic began to send, if that is
+            shorter. Above 10,000 messages a second it is told from the newest 20,000.
         messages: Counted.
         bytes: Counted.
         rate_hz: Messages a second, from the times between them.
@@ -62,9 +63,13 @@ class FlowMeter:
         self.bytes = 0
         self._window_s = window_s
         self._recent: deque[tuple[float, int]] = deque(maxlen=_MOST)
+        self._since_s = 0.0
 
     def sent(self, size: int, now_s: float) -> None:
         """A message went out."""
+        self._forget(now_s)
+        if not self._recent:
+            self._since_s = now_s
         self.messages += 1
         self.bytes += size
         self._recent.append((now_s, size))
@@ -76,7 +81,7 @@ class FlowMeter:
         if not recent:
             return Traffic()
         count, total = len(recent), sum(size for _, size in recent)
-        span_s, duration_s = recent[-1][0] - recent[0][0], now_s - recent[0][0]
+        span_s, duration_s = recent[-1][0] - recent[0][0], self._duration_s(now_s)
         if count < 2 or span_s <= 0:
             return Traffic(duration_s, count, total)
         delta_s = span_s / (count - 1)
@@ -105,6 +110,10 @@ class FlowMeter:
         times = [moment for moment, _ in self._recent]
         squares = [(b - a - mean_s) ** 2 for a, b in pairwise(times)]
         return math.sqrt(sum(squares) / len(squares))
+
+    def _duration_s(self, now_s: float) -> float:
+        """A window is whole once the topic has sent for so long, wherever its messages fall in it."""
+        return min(self._window_s, now_s - self._since_s)
 
     def _forget(self, now_s: float) -> None:
         while self._recent and self._recent[0][0] < now_s - self._window_s:

@@ -8,13 +8,12 @@ Only the end counts, case matters, and the longest tag wins.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 from simple_ros.errors import ConfigError
 
-__all__ = ["Role", "TagRules", "Tagged", "collisions"]
+__all__ = ["Role", "TagRules", "Tagged"]
 
 _NUMBER = "<n>"
 _MAX_QCI = 255
@@ -109,25 +108,3 @@ class TagRules:
     @staticmethod
     def _is_name(base: str) -> bool:
         return base.rpartition("/")[2] != ""
-
-
-def collisions(found: Iterable[Tagged], published: Mapping[str, str]) -> dict[str, str]:
-    """Which tagged topics must not be relayed, and why.
-
-    Args:
-        found: Tagged topics.
-        published: Topics that others than relays publish: who does.
-    """
-    wrong: dict[str, str] = {}
-    targets: dict[str, str] = {}
-    for tagged in found:
-        if tagged.role is not Role.RELAY:
-            continue
-        by = published.get(tagged.base)
-        if by is not None:
-            wrong[tagged.topic] = f"{tagged.base} is published by {by} already"
-        elif tagged.base in targets:
-            wrong[tagged.topic] = f"{targets[tagged.base]} is relayed to {tagged.base} already"
-        else:
-            targets[tagged.base] = tagged.topic
-    return wrong

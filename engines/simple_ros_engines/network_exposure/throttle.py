@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -54,12 +55,14 @@ class Throttle(Generic[Item]):
 
     Attributes:
         settings: May be replaced at any time; what waits goes by the new ones.
+        ends_s: When it ends by itself, because whoever asked for it has not said so again; None if it does not.
         dropped: Messages left out on purpose.
         overflowed: Messages left out because too many waited.
     """
 
     def __init__(self, settings: ThrottleSettings | None = None) -> None:
         self.settings = settings or ThrottleSettings()
+        self.ends_s: float | None = None
         self.dropped = 0
         self.overflowed = 0
         self._counted = 0
@@ -69,6 +72,25 @@ class Throttle(Generic[Item]):
     def held(self) -> int:
         """Messages that wait."""
         return len(self._held)
+
+    def ask(self, settings: ThrottleSettings, now_s: float, valid_s: float = 0.0) -> None:
+        """Work so from now on, for ``valid_s`` seconds unless it is asked again; 0 for good.
+
+        Raises:
+            ConfigError: The time is no number of seconds.
+        """
+        if not 0 <= valid_s < math.inf:
+            raise ConfigError(f"valid_s must be a number of seconds, not {valid_s:g}")
+        self.settings = settings
+        is_none = settings == ThrottleSettings()
+        self.ends_s = None if is_none or valid_s == 0 else now_s + valid_s
+
+    def lapse(self, now_s: float) -> bool:
+        """End it if its time is over; whether it was."""
+        if self.ends_s is None or now_s < self.ends_s:
+            return False
+        self.ask(ThrottleSettings(), now_s)
+        return True
 
     def put(self, item: Item, now_s: float) -> list[Item]:
         """A message came; those that go now."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Coroutine
+from http import HTTPStatus
 from typing import Any, ClassVar
 
 from simple_ros.engine import Engine
@@ -22,6 +23,7 @@ from simple_ros.publisher import Publisher
 from simple_ros.qos import LATCHED, QosProfile
 from simple_ros_engines.network_exposure.exposure.base import ExposureBackend, SessionGone
 from simple_ros_engines.network_exposure.exposure.model import (
+    ApiRefused,
     ApiUnavailable,
     Event,
     ExposureError,
@@ -168,6 +170,8 @@ class TopicWatcher(Engine):
         except ExposureError as error:
             wished_s = error.retry_after_s if isinstance(error, ApiUnavailable) else None
             self._failed(due, str(error), wished_s)
+            refusal = isinstance(error, ApiRefused) and error.status == HTTPStatus.FORBIDDEN
+            self.core.flows[due.key].session.is_refused = refusal
         except Exception as error:
             # One flow's trouble must not be every flow's; it is tried again.
             logger.exception("%s of %s", due.command.action.value, due.key[0])
@@ -235,6 +239,7 @@ class TopicWatcher(Engine):
                         for known in self.core.flows.values()
                     )
                 )
+                await self.backend.tidy()
                 await self.backend.leave_groups()
         except (TimeoutError, ExposureError) as error:
             logger.warning("not everything could be released, it will expire: %s", error)

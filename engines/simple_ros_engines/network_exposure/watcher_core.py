@@ -45,6 +45,8 @@ from simple_ros_engines.network_exposure.requirement import Advice, FlowMapper, 
 __all__ = ["Due", "Identities", "WatchedFlow", "WatcherCore", "WatcherSettings"]
 
 FlowKey = tuple[str, FiveTuple]
+_RELAY_SILENT_S = 30.0
+"""Relays tell their flows every ten seconds; one that has not for so long is gone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,11 +145,13 @@ class WatcherCore:
         self._settings = settings or WatcherSettings()
         self._is_ending = False
         self._steered: dict[str, int] = {}
+        self._heard_s: dict[str, float] = {}
 
     # -- what it is told -------------------------------------------------------------------------
 
     def flows_came(self, message: UniqueTopicFlows, now_s: float) -> None:
         """A relay told its flows."""
+        self._heard_s[message.relay] = now_s
         present = {(item.topic, five_tuple(item)): item for item in message.flows}
         for key, item in present.items():
             known = self.flows.get(key)
@@ -164,6 +168,7 @@ class WatcherCore:
 
     def stats_came(self, message: UniqueTopicFlowStats, now_s: float) -> None:
         """A relay told what it sends."""
+        self._heard_s[message.relay] = now_s
         by_topic = {stat.topic: stat for stat in message.stats}
         for known in self.flows.values():
             stat = by_topic.get(known.message.topic)
@@ -295,9 +300,13 @@ class WatcherCore:
         return due
 
     def _rest(self, known: WatchedFlow, now_s: float) -> None:
-        """Release what has become silent: after the lease of its topic, or else the idle time."""
+        """Release what has become silent, after the lease of its topic or else the idle time; forget what is gone."""
         lease_s = known.message.lease_ms / 1000 or self._settings.idle_s
         if known.session.wanted is not None and now_s - known.active_s > lease_s:
+            known.session.release()
+        silent_s = now_s - self._heard_s[known.relay]
+        if silent_s > max(_RELAY_SILENT_S, self._settings.idle_s):
+            known.is_present = False
             known.session.release()
 
     def _request(self, known: WatchedFlow, command: Command, ue: UeIdentity) -> QosRequest | None:
@@ -331,6 +340,7 @@ def _status(known: WatchedFlow) -> FlowQos:
         requests=session.requests,
         source=known.message.source,
         destination=known.message.destination,
+        is_refused=session.is_refused,
     )
     shown = session.asked or session.wanted
     if shown is not None:

@@ -61,11 +61,13 @@ class Answer:
         status: 2xx.
         location: Absolute; empty without one.
         data: The JSON; None without any.
+        attempts: Requests that were sent for it: those before the last may have been carried out, too.
     """
 
     status: int
     location: str = ""
     data: Any = None
+    attempts: int = 1
 
     def made_at(self, what: str) -> str:
         """Where the thing is that was made.
@@ -210,18 +212,14 @@ class ApiClient:
         if body is not None:
             data = json.dumps(checked(body, sends or {}, f"body of {what}")).encode()
             headers["Content-Type"] = content_type
+        before = self.attempts
         response = await self._insist(HttpRequest(method, url, headers, data), what)
         if not 200 <= response.status < 300:
             _refuse(response, what)
         location = response.headers.get("location", "")
-        if response.status == 204 or not response.body:
-            if gives is not None and response.status != 204:
-                raise ApiMalformed(f"{what}: {response.status} without a body")
-            return Answer(response.status, urljoin(url, location) if location else "")
-        answered = _json(response, what)
-        if gives is not None:
-            checked(answered, gives, f"answer to {what}")
-        return Answer(response.status, urljoin(url, location) if location else "", answered)
+        location = urljoin(url, location) if location else ""
+        answered = _body(response, gives, what, location)
+        return Answer(response.status, location, answered, self.attempts - before)
 
     async def _insist(self, request: HttpRequest, what: str) -> HttpResponse:
         attempt = 0
@@ -271,6 +269,20 @@ class ApiClient:
                 return response
             url = target
         return response
+
+
+def _body(response: HttpResponse, schema: Schema | None, what: str, location: str) -> Any:
+    """The JSON of a good answer; None if it has none, and needs none."""
+    if response.status == 204 or not response.body:
+        if schema is not None and response.status != 204:
+            raise ApiMalformed(f"{what}: {response.status} without a body", location)
+        return None
+    try:
+        answered = _json(response, what)
+        return answered if schema is None else checked(answered, schema, f"answer to {what}")
+    except ApiMalformed as error:
+        error.location = location
+        raise
 
 
 def _json(response: HttpResponse, what: str) -> Any:

@@ -78,6 +78,14 @@ class ExposureBackend(ABC):
         """Delete the groups that were made here."""
         logger.debug("%s has no groups", self.name)
 
+    async def tidy(self) -> None:
+        """Delete what requests made that nobody answered, where the network can be asked what there is.
+
+        Raises:
+            ExposureError: The network does not answer, or refuses.
+        """
+        logger.debug("%s does not say what is open: the rest expires", self.name)
+
     @abstractmethod
     async def request(self, request: QosRequest) -> Session:
         """Ask for a session.

@@ -54,7 +54,15 @@ class ApiRefused(ExposureError, RuntimeError):
 
 
 class ApiMalformed(ExposureError, ValueError):
-    """What came is not what the standard says; the message names the fields."""
+    """What came is not what the standard says; the message names the fields.
+
+    Attributes:
+        location: Where something was made all the same, if the answer said so.
+    """
+
+    def __init__(self, message: str, location: str = "") -> None:
+        super().__init__(message)
+        self.location = location
 
 
 class Event(Enum):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any, ClassVar
+from urllib.parse import urlsplit
 
 from simple_ros.errors import ConfigError
 from simple_ros_engines.network_exposure.exposure import schemas
@@ -15,6 +17,7 @@ from simple_ros_engines.network_exposure.exposure.base import (
 )
 from simple_ros_engines.network_exposure.exposure.model import (
     ApiRefused,
+    ExposureError,
     Notification,
     QosRequest,
     Session,
@@ -24,6 +27,8 @@ from simple_ros_engines.network_exposure.exposure.receiver import NotificationRe
 from simple_ros_engines.network_exposure.qci import QCI
 
 __all__ = ["NefBackend"]
+
+logger = logging.getLogger(__name__)
 
 
 class NefBackend(ExposureBackend):
@@ -60,6 +65,7 @@ class NefBackend(ExposureBackend):
             raise ConfigError(f"qos_reference {reference!r} must have {{qci}} in it")
         self._reference = reference
         self._path = f"/3gpp-as-session-with-qos/v1/{af_id}/subscriptions"
+        self._unsure: set[str] = set()
 
     async def request(self, request: QosRequest) -> Session:
         """Subscribe."""
@@ -70,11 +76,33 @@ class NefBackend(ExposureBackend):
         try:
             made = await self._send("POST", self._path, opened)
             session_id = made.made_at(request.topic)
-        except BaseException:
+        except BaseException as error:
             self._receiver.forget(opened.notify_url)
+            if not isinstance(error, ApiRefused):
+                self._unsure.add(opened.notify_url)
             raise
         self._sessions[session_id] = opened
+        if made.attempts > 1:
+            self._unsure.add(opened.notify_url)
+        try:
+            await self.tidy()
+        except ExposureError as error:
+            logger.info("what may have been left open is looked for later: %s", error)
         return Session(session_id, None, True)
+
+    async def tidy(self) -> None:
+        """Delete subscriptions of requests that nobody answered: each is known by where its events go."""
+        if not self._unsure:
+            return
+        unsure = frozenset(self._unsure)
+        found = await self.client.call("GET", self._path, gives=schemas.AS_SESSIONS)
+        known = {urlsplit(session_id).path for session_id in self._sessions}
+        for item in found.data:
+            path = urlsplit(item.get("self", "")).path
+            if item["notificationDestination"] in unsure and path and path not in known:
+                await self._delete(item["self"])
+                logger.info("made by a request that nobody answered, released: %s", item["self"])
+        self._unsure -= unsure
 
     async def update(self, session_id: str, request: QosRequest) -> Session:
         """Change the subscription."""

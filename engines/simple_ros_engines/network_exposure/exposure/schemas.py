@@ -12,6 +12,7 @@ from simple_ros_engines.network_exposure.exposure.schema import Schema
 
 __all__ = [
     "AS_SESSION",
+    "AS_SESSIONS",
     "CREATE_SESSION",
     "EXTEND_SESSION",
     "GROUP",
@@ -181,6 +182,7 @@ AS_SESSION = _object(
     qosDuration=COUNT,
     tscQosReq=_object(reqGbrUl=BIT_RATE, reqGbrDl=BIT_RATE),
 )
+AS_SESSIONS = _list(AS_SESSION, 0)
 USER_PLANE_NOTIFICATION = _object(
     "transaction eventReports",
     transaction=URI,

@@ -18,6 +18,7 @@ from simple_ros_engines.network_exposure.exposure.base import (
     now,
 )
 from simple_ros_engines.network_exposure.exposure.model import (
+    ApiMalformed,
     ApiRefused,
     Event,
     Notification,
@@ -104,28 +105,51 @@ class SealBackend(ExposureBackend):
         return [document for document in documents if isinstance(document, dict)]
 
     async def join(self, group: str, ue: UeIdentity) -> None:
-        """Add the device to the members."""
+        """Add the device to the members; those that others added stay."""
         member = val_target(ue, ue.ip)
         async with self._grouping:
-            members = self._members[group]
-            if not member["valUeId"] or member in members:
+            own = self._members[group]
+            if not member["valUeId"] or member in own:
                 return
-            wanted = [*members, member]
-            await self.client.call(
-                "PATCH",
-                self._groups[group],
-                {"members": wanted},
-                sends=schemas.GROUP_PATCH,
-                content_type=_MERGE,
-            )
-            self._members[group] = wanted
+            there = await self._there(group)
+            if there is None:
+                # Another member ended it, or the network has forgotten it.
+                self._groups[group] = await self._made_or_found(group)
+                there = []
+            wanted = [*there, *(item for item in (*own, member) if item not in there)]
+            if wanted != there:
+                await self._set_members(group, wanted)
+            own.append(member)
+
+    async def _there(self, group: str) -> list[dict[str, str]] | None:
+        """The members of a group now; None if there is no such group any more."""
+        try:
+            answer = await self.client.call("GET", self._groups[group], gives=schemas.GROUP)
+        except ApiRefused as error:
+            if error.status in (404, 410):
+                return None
+            raise
+        return list(answer.data.get("members", ()))
+
+    async def _set_members(self, group: str, members: list[dict[str, str]]) -> None:
+        await self.client.call(
+            "PATCH",
+            self._groups[group],
+            {"members": members},
+            sends=schemas.GROUP_PATCH,
+            content_type=_MERGE,
+        )
 
     async def leave_groups(self) -> None:
-        """Delete the groups."""
+        """Take our devices out of the groups; one that has no others is deleted."""
         for group, url in tuple(self._groups.items()):
-            await self._delete(url)
-            del self._groups[group]
-        self._members.clear()
+            there = await self._there(group)
+            others = [item for item in there or () if item not in self._members[group]]
+            if others:
+                await self._set_members(group, others)
+            elif there is not None:
+                await self._delete(url)
+            del self._groups[group], self._members[group]
 
     # -- sessions --------------------------------------------------------------------------------
 
@@ -150,8 +174,11 @@ class SealBackend(ExposureBackend):
                 gives=schemas.UNICAST_SUBSCRIPTION,
             )
             session_id = made.made_at(request.topic)
-        except BaseException:
+        except BaseException as error:
             self._receiver.forget(opened.notify_url)
+            if isinstance(error, ApiMalformed) and error.location:
+                # Whatever is there, we cannot use it.
+                await self._delete(error.location)
             raise
         self._sessions[session_id] = opened
         return Session(session_id, request.wanted.qci)

@@ -103,7 +103,9 @@ class CamaraApi:
         bearer = self._desk.network.bearers.get(name)
         if bearer is None or bearer.state is BearerState.SETTING_UP:
             return camara_problem(
-                409, "the session is not AVAILABLE", "SESSION_EXTENSION_NOT_ALLOWED"
+                409,
+                "the session is not AVAILABLE",
+                "QUALITY_ON_DEMAND.SESSION_EXTENSION_NOT_ALLOWED",
             )
         self._desk.network.extend(name, seconds)
         self._desk.records[name]["duration"] += seconds

@@ -30,6 +30,7 @@ class Admission(Enum):
     """Why a bearer is not admitted."""
 
     NO_CAPACITY = "the capacity for reserved bit rates is used up"
+    TOO_LOADED = "delays as short as these are not given now"
     TOO_MANY = "there are too many bearers"
     UNKNOWN_CLASS = "the class is not known"
     CONFLICT = "the flow has a session already"
@@ -45,6 +46,7 @@ class MockSettings:
         max_bearers: At once.
         max_duration_s: No session is longer.
         base_delay_ms: Of the air, one way.
+        least_delay_ms: Of a loaded cell: classes with a shorter budget are not given.
     """
 
     setup_s: float = 2.0
@@ -52,6 +54,7 @@ class MockSettings:
     max_bearers: int = 256
     max_duration_s: float = 86_400.0
     base_delay_ms: float = 4.0
+    least_delay_ms: float = 0.0
 
 
 @dataclass(slots=True)
@@ -140,7 +143,7 @@ class MockNetwork:
         applied = self._fitting(wanted, others, bit_rate, self.free_bps)
         if applied is None:
             self.refused += 1
-            return Admission.NO_CAPACITY
+            return self._shortage(wanted)
         settings = self.settings
         bearer = Bearer(
             bearer_id,
@@ -177,7 +180,7 @@ class MockNetwork:
         others = tuple(row for number in alternatives if (row := qos_class(number)) is not None)
         applied = self._fitting(wanted, others, bit_rate, self.free_bps + bearer.reserved_bps)
         if applied is None:
-            return Admission.NO_CAPACITY
+            return self._shortage(wanted)
         is_same = (wanted, bit_rate) == (bearer.wanted, bearer.bit_rate)
         bearer.wanted, bearer.alternatives, bearer.bit_rate = wanted, others, bit_rate
         bearer.expires_s = now_s + min(duration_s, self.settings.max_duration_s)
@@ -272,14 +275,23 @@ class MockNetwork:
             return Admission.CONFLICT
         return None
 
-    @staticmethod
     def _fitting(
-        wanted: QosClass, alternatives: tuple[QosClass, ...], bit_rate: float, free_bps: float
+        self,
+        wanted: QosClass,
+        alternatives: tuple[QosClass, ...],
+        bit_rate: float,
+        free_bps: float,
     ) -> QosClass | None:
         for row in (wanted, *alternatives):
-            if not row.is_gbr or bit_rate <= free_bps:
+            is_quick = row.delay_ms < self.settings.least_delay_ms
+            if not is_quick and (not row.is_gbr or bit_rate <= free_bps):
                 return row
         return None
+
+    def _shortage(self, wanted: QosClass) -> Admission:
+        """Why nothing that is asked for fits."""
+        is_quick = wanted.delay_ms < self.settings.least_delay_ms
+        return Admission.TOO_LOADED if is_quick else Admission.NO_CAPACITY
 
     def _share(self) -> set[str]:
         """Give the capacity to the most important; whose class has changed."""

@@ -192,12 +192,15 @@ class SealApi:
 
 
 def _report(body: dict[str, Any], bearer: Bearer, delay_ms: int) -> dict[str, Any]:
+    wanted = bearer.wanted
+    # Tenths of a per cent; in delay-critical classes what is late counts as lost.
+    lost = 1000 if wanted.is_delay_critical and delay_ms > wanted.delay_ms else 0
     return {
         "valUeIds": body["valUeIds"],
         "measData": {
             "ulDelay": delay_ms,
             "dlDelay": delay_ms,
-            "avgPlr": 0,
+            "avgPlr": lost,
             "avgDataRate": bit_rate(bearer.bit_rate),
         },
         "timestamp": stamp(),

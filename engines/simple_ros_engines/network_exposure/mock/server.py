@@ -1,7 +1,8 @@
-"""The mock network as a server: SEAL, NEF and CAMARA on one port, tokens, notifications, faults on request.
+"""The mock network as a server: SEAL, NEF, CAMARA and VASEAL on one port, tokens, notifications, faults on request.
 
 Every answer has the header ``X-Simulated-Network``. ``GET /mock/state`` shows all, ``POST /mock/control`` changes settings
-and faults by their names, so that tests and demos can use up its capacity, or make it fail.
+and faults by their names, so that tests and demos can use up its capacity, or make it fail. ``POST /mock/adapt/GROUP`` asks
+an application to adapt, as somebody at the network would.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from simple_ros_engines.network_exposure.mock.services import (
     camara_problem,
     problem,
 )
+from simple_ros_engines.network_exposure.mock.vaseal_api import VasealApi
 from simple_ros_engines.store.http import Request
 
 __all__ = ["MockServer"]
@@ -81,6 +83,7 @@ class MockServer:
         self.seal = SealApi(self._desk())
         self.nef = NefApi(self._desk())
         self.camara = CamaraApi(self._desk())
+        self.vaseal = VasealApi(self._desk())
         self._server = WebServer(self._answer, tls)
         self._notifies = notifies or StandardTransport()
         self._host = ""
@@ -224,6 +227,8 @@ class MockServer:
             return self.camara.answer(request)
         if request.path.startswith("/3gpp-as-session-with-qos/"):
             return self.nef.answer(request)
+        if request.path.startswith("/vaseal/"):
+            return self.vaseal.answer(request)
         return self.seal.answer(request)
 
     @staticmethod
@@ -240,6 +245,7 @@ class MockServer:
             "settings": dataclasses.asdict(self.network.settings),
             "faults": dataclasses.asdict(self.faults),
             "free_bps": self.network.free_bps,
+            "applications": list(self.vaseal.applications.values()),
             "groups": [group["valGroupId"] for group in self.seal.groups.values()],
             "bearers": [
                 {
@@ -272,6 +278,8 @@ class MockServer:
 
     def _control(self, request: Request) -> Reply:
         try:
+            if request.method == "POST" and request.path.startswith("/mock/adapt/"):
+                return self._adapt(request)
             if (request.method, request.path) == ("POST", "/mock/control"):
                 changes = json_of(request)
                 if not isinstance(changes, dict):
@@ -282,6 +290,12 @@ class MockServer:
         except ValueError as error:
             return problem(400, str(error))
         return Reply(200, self.state())
+
+    def _adapt(self, request: Request) -> Reply:
+        reply, outgoing = self.vaseal.wish(request)
+        if outgoing is not None:
+            self._send(outgoing)
+        return reply
 
 
 def _labelled(reply: Reply) -> Reply:
