@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import compileall
 import os
 from collections.abc import AsyncIterator, Generator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -13,11 +15,23 @@ settings.register_profile("deterministic", derandomize=True, deadline=None, data
 settings.load_profile("deterministic")
 
 
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile once what many hundred processes import: PYTHONDONTWRITEBYTECODE may be set."""
+    for name in ("simple_ros", "master", "firmware_bridge", "engines", "hub"):
+        compileall.compile_dir(Path(__file__).parents[1] / name, quiet=2)
+
+
 @pytest.fixture
 async def master() -> AsyncIterator[Master]:
     """A Master of its own, in this process, on a free port."""
     async with Master(host="127.0.0.1", port=0) as running:
         yield running
+
+
+@pytest.fixture
+def patient_master(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Masters of this process keep nodes that nobody can reach: a command takes time to look at them."""
+    monkeypatch.setattr("simple_ros_master.link.PATIENCE_S", 60.0)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -24,7 +24,7 @@ __all__ = ["BareClient", "BareNode"]
 Request = TypeVar("Request", bound=Message)
 Response = TypeVar("Response", bound=Message)
 
-TIMEOUT_S = 10.0
+TIMEOUT_S = 30.0
 
 
 class BareNode:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Self
 
 from simple_ros.errors import SimpleRosError
@@ -83,15 +83,18 @@ class Processes:
         self.children: list[DemoProcess] = []
         self._grace_s = grace_s
 
-    async def start(self, name: str, command: Sequence[str]) -> DemoProcess:
+    async def start(
+        self, name: str, command: Sequence[str], more: Mapping[str, str | None] | None = None
+    ) -> DemoProcess:
         """Start a program.
 
         Args:
             name: What to call it.
             command: Program and arguments.
+            more: Variables of its environment to set, or to remove if None.
         """
         # Words that name or remap this program are none of its children.
-        environment = {"SIMPLE_ROS_ARGS": None}
+        environment = {"SIMPLE_ROS_ARGS": None, **(more or {})}
         child = await ChildProcess.start(
             Command(tuple(command), environment=environment), errors_apart=True
         )

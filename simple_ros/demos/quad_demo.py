@@ -35,7 +35,7 @@ _TOPICS = {
     "quad_path_short": "visualization_msgs.Marker",
     "quad_path_incremental": "visualization_msgs.Marker",
 }
-_FLOWING_WITHIN_S = 10.0
+_FLOWING_WITHIN_S = 30.0
 _USAGE_EVERY_S = 1.0
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from support.engines import at_work, source, user
-from support.waiting import until
+from support.waiting import LIMIT_S, until
 
 from simple_ros.msg.wireless_ros_msgs import (
     ChannelState,
@@ -53,7 +53,7 @@ class Gnb:
 
     async def sending(self, condition: Callable[[], object], what: str, **fields: Any) -> None:
         """Send good lines until a condition holds."""
-        end = time.monotonic() + 15
+        end = time.monotonic() + LIMIT_S
         while not condition():
             assert time.monotonic() < end, what
             self.send(**fields)

@@ -72,7 +72,7 @@ async def test_node_under_garbage(master: Master) -> None:
         await node.subscribe("sensor", SensorData, count)
         await node.subscribe("other", SensorData, lambda m: other.append(m.sensor_id))
         publisher = await source.advertise("other", SensorData)
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
 
         async def storm(streams: int) -> Counter[str]:
             """Each stream on a link of its own: bad messages, a valid one, then noise or an end."""

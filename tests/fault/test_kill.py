@@ -7,7 +7,7 @@ import signal
 from contextlib import AsyncExitStack
 
 from support.processes import Process, master_process, program
-from support.waiting import until
+from support.waiting import Stopwatch, until
 
 from simple_ros.aio import NodeHandle
 from simple_ros.graph import TopicKey
@@ -67,8 +67,10 @@ async def test_kill_9_of_a_publisher(master: Master) -> None:
             async with program(PUBLISHER, master=master.address) as publisher:
                 await until(lambda: len(got) > 1000)
                 assert got[:1000] == list(range(1000))
+                watch = Stopwatch()
                 publisher.signal(signal.SIGKILL)
-                await until(lambda: "source" not in names(master), limit=3.0)
+                await until(lambda: "source" not in names(master))
+                assert watch.seconds < 3.0
             await until(lambda: subscriber.publisher_count == 0)
         assert names(master) == {"sink"}
 
@@ -84,16 +86,18 @@ async def test_kill_9_of_a_subscriber(master: Master) -> None:
         for life in range(2):
             async with program(SUBSCRIBER, "victim", master=master.address) as victim:
                 assert await victim.line() == "ready"
-                await publisher.wait_for_subscribers(2, timeout=5)
+                await publisher.wait_for_subscribers(2, timeout=30)
                 got.clear()
                 for i in range(2000):
                     publisher.publish(SensorData(sensor_id=i))
                     if i == 1000:
+                        watch = Stopwatch()
                         victim.signal(signal.SIGKILL)
                     if i % 10 == 0:
                         await asyncio.sleep(0)
                 await until(lambda: got == list(range(2000)), "the sibling got everything")
-                await until(lambda: "victim" not in names(master), limit=3.0)
+                await until(lambda: "victim" not in names(master))
+                assert watch.seconds < 3.0
                 await until(lambda: len(publisher.targets) == 1, f"told in life {life}")
 
 
@@ -148,4 +152,4 @@ async def test_kill_9_of_the_master_under_load() -> None:
 
 
 async def _advances(process: Process) -> None:
-    assert int(await process.line(5)) > 1
+    assert int(await process.line()) > 1

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 from support.processes import Process, master_process, program
-from support.waiting import until
+from support.waiting import Stopwatch, until
 
 from simple_ros import ActionServerLost, GoalState, ServiceUnavailable, UnknownGoal
 from simple_ros.aio import NodeHandle
@@ -72,17 +72,18 @@ async def test_a_killed_server_is_told_at_once_and_a_new_one_knows_nothing(maste
             await anext(iterator)
             (link,) = node.providers._links.values()
             await until(lambda: len(link._pending) == 2, "both wait for the result")
+            watch = Stopwatch()
             process.signal(signal.SIGKILL)
-            async with asyncio.timeout(2.0):
-                with pytest.raises(ActionServerLost, match="node 'server' is gone"):
-                    await ending
-                with pytest.raises(ActionServerLost):
-                    async for _ in iterator:
-                        pass
+            with pytest.raises(ActionServerLost, match="node 'server' is gone"):
+                await ending
+            with pytest.raises(ActionServerLost):
+                async for _ in iterator:
+                    pass
+            assert watch.seconds < 2.0
             with pytest.raises((ServiceUnavailable, UnknownGoal)):
                 await goal.cancel()
         async with server(master.address):
-            await client.wait_for_server(5.0)
+            await client.wait_for_server(30)
             with pytest.raises(UnknownGoal):
                 await goal.result()
             again = await client.send_goal(FibonacciGoal(order=3))
@@ -119,11 +120,11 @@ async def test_a_goal_does_not_mind_that_the_master_is_killed() -> None:
             assert numbers == list(range(60))
             assert list((await goal.result()).sequence) == [60]
             async with master_process(int(address.rpartition(":")[2])):
-                await node.wait_for_master(10.0)
+                await node.wait_for_master(30)
                 newcomer = NodeHandle("newcomer", master=address)
                 async with newcomer:
                     other = newcomer.action_client("count", Fibonacci)
-                    await other.wait_for_server(10.0)
+                    await other.wait_for_server(30)
                     sent = await other.send_goal(FibonacciGoal(order=2))
                     assert list((await sent.result()).sequence) == [2]
                     await until(lambda: sent.status is GoalState.SUCCEEDED)

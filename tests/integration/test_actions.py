@@ -385,7 +385,7 @@ class TestLater:
             goal = await node.action_client("long", Fibonacci).send_goal(order(2))
             await until(lambda: goal.status is GoalState.EXECUTING)
             status = await node.subscribe("long/_action/status", GoalStatusArray, qos=LATCHED)
-            (entry,) = (await status.receive_within(5.0)).status_list
+            (entry,) = (await status.receive_within(30)).status_list
             assert entry.goal_info.goal_id == goal.goal_id.bytes
             assert entry.status == GoalState.EXECUTING
 

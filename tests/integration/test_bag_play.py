@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from support.bags import START_NS, make_bag, text
 from support.processes import python
-from support.waiting import until
+from support.waiting import Stopwatch, until
 
 from simple_ros.aio import NodeHandle
 from simple_ros.bag import Bag, BagWriter, NothingToPlay, Player, PlayOptions, SplitRule
@@ -93,10 +93,12 @@ async def test_the_pace(node: NodeHandle, player_node: NodeHandle, tmp_path: Pat
     with Bag(path) as bag:
         player = Player(player_node, [bag], PlayOptions(rate=4.0))
         await player.open()
+        watch = Stopwatch()
         await player.run()
         await until(lambda: len(times) == 11)
+        hindered = watch.hindered
     spans = [later - earlier for earlier, later in pairwise(times)]
-    assert sum(spans) == pytest.approx(0.25, abs=0.1)
+    assert sum(spans) == pytest.approx(0.25, abs=0.1 + hindered)
     assert player.position_s == pytest.approx(player.end_s) == pytest.approx(1.0)
 
 
@@ -118,7 +120,7 @@ async def test_what_is_latched_comes_first_in_the_middle(
         await player.run()
         await until(lambda: len(order) == 13)
         late = await node.subscribe("map", String, qos=LATCHED)
-        assert (await late.receive_within(5)).data == "one"
+        assert (await late.receive_within(30)).data == "one"
     assert order == ["two", "one", *(str(index) for index in range(20, 31))]
 
 
@@ -144,7 +146,7 @@ async def test_pause_step_seek_and_rate(
         await until(lambda: heard[3:] == ["97"])
         player.set_rate(FAST)
         player.resume()
-        await asyncio.wait_for(playing, 5)
+        await asyncio.wait_for(playing, 30)
         await until(lambda: heard[3:] == ["97", "98", "99"])
 
 
@@ -235,7 +237,7 @@ async def test_keys_of_a_terminal(master: Master, node: NodeHandle, tmp_path: Pa
         await until(lambda count=count: len(heard) == count, "a step")  # type: ignore[misc]
     os.write(terminal, b"\x1b[A")
     os.write(terminal, b" ")
-    assert await asyncio.wait_for(process.wait(), 10) == 0
+    assert await asyncio.wait_for(process.wait(), 30) == 0
     await until(lambda: b"published 3 messages" in b"".join(shown))
     loop.remove_reader(terminal)
     os.close(terminal)

@@ -17,7 +17,7 @@ import pytest
 from google.protobuf import descriptor_pb2
 from support.bags import texts
 from support.processes import Process, python
-from support.waiting import until
+from support.waiting import Stopwatch, until
 
 from simple_ros.aio import NodeHandle, Publisher
 from simple_ros.bag import Bag, Recorder, SeriesOptions, TopicSelection
@@ -57,7 +57,7 @@ async def run(*arguments: str) -> tuple[int, str, str]:
 
 
 async def until_recorded(publisher: Publisher[Any]) -> None:
-    await publisher.wait_for_subscribers(1, timeout=10)
+    await publisher.wait_for_subscribers(1, timeout=30)
 
 
 async def ended(process: Process, number: signal.Signals = signal.SIGINT) -> str:
@@ -140,9 +140,10 @@ async def test_a_killed_recorder_loses_no_more_than_the_last_second(
         while len(sizes) < 3:  # it was flushed twice
             await until(lambda: active.stat().st_size not in sizes, "a flush")
             sizes.add(active.stat().st_size)
+        watch = Stopwatch()
         await asyncio.sleep(0.5)  # in the middle between two flushes
         process.signal(signal.SIGKILL)
-        killed = time.monotonic()
+        killed, hindered = time.monotonic(), watch.hindered
         await process.wait()
         loading.cancel()
     code, stdout, stderr = await run("info", str(active))
@@ -155,7 +156,7 @@ async def test_a_killed_recorder_loses_no_more_than_the_last_second(
     with Bag(fixed) as bag:
         numbers = [Int64.FromString(message.data).data for message in bag.messages(["load"])]
     assert numbers == list(range(1, len(numbers) + 1))
-    assert killed - published[len(numbers) - 1] < 1.0
+    assert killed - published[len(numbers) - 1] - hindered < 1.0
     assert examine(fixed).errors == []
 
 

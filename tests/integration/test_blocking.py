@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import inspect
 import logging
 import signal
@@ -13,7 +12,7 @@ from concurrent.futures import Future
 
 import pytest
 from support.processes import master_process, program
-from support.waiting import until
+from support.waiting import LIMIT_S, Stopwatch, until
 
 from simple_ros import aio
 from simple_ros.blocking import ActionClient as BlockingActionClient
@@ -65,7 +64,7 @@ def system(address: str) -> Iterator[SystemManager]:
     manager.shutdown()
 
 
-def spin_until(system: SystemManager, condition: object, limit: float = 10.0) -> None:
+def spin_until(system: SystemManager, condition: object, limit: float = LIMIT_S) -> None:
     end = time.monotonic() + limit
     while not condition():  # type: ignore[operator]
         assert time.monotonic() < end, "not within the limit"
@@ -202,7 +201,7 @@ def test_receive_and_iteration_without_callback(system: SystemManager) -> None:
         subscriber.receive(timeout=0.01)
     for i in range(3):
         publisher.publish(SensorData(sensor_id=i))
-    assert subscriber.receive(timeout=5).sensor_id == 0
+    assert subscriber.receive(timeout=30).sensor_id == 0
     found = []
     for message in subscriber:
         found.append(message.sensor_id)
@@ -278,8 +277,8 @@ def test_block_waits_in_the_callers_thread_and_loses_nothing(system: SystemManag
     )
     sender.start()
     for i in range(5000):
-        assert subscriber.receive(timeout=10).sensor_id == i
-    sender.join(5)
+        assert subscriber.receive(timeout=30).sensor_id == i
+    sender.join(30)
     assert publisher.statistics.dropped == 0
 
 
@@ -295,7 +294,7 @@ def test_a_blocking_subscription_with_callback_loses_nothing(system: SystemManag
     )
     sender.start()
     spin_until(system, lambda: len(got) == 5000)
-    sender.join(5)
+    sender.join(30)
     assert got == list(range(5000))
     assert subscriber.statistics.dropped == publisher.statistics.dropped == 0
 
@@ -331,7 +330,7 @@ def test_several_threads_keep_exclusive_groups_apart(system: SystemManager) -> N
             publisher.publish(SensorData())
 
     def stop_when_done() -> None:
-        stopper.wait(10)
+        stopper.wait(30)
         system.shutdown()
 
     threading.Thread(target=stop_when_done).start()
@@ -405,7 +404,7 @@ def test_a_node_without_a_name_gets_one(address: str) -> None:
 
 
 def test_a_lost_name_ends_the_spin(system: SystemManager, address: str) -> None:
-    NodeHandle().wait_for_master(5)
+    NodeHandle().wait_for_master(30)
 
     def take() -> None:
         loop = BackgroundLoop()
@@ -418,7 +417,7 @@ def test_a_lost_name_ends_the_spin(system: SystemManager, address: str) -> None:
     thread.start()
     with pytest.raises(NodeNameTaken):
         system.spin()
-    thread.join(5)
+    thread.join(30)
     for loop, thief in thieves:
         loop.run(thief.close())
         loop.stop()
@@ -426,7 +425,7 @@ def test_a_lost_name_ends_the_spin(system: SystemManager, address: str) -> None:
 
 async def _start(node: aio.NodeHandle) -> None:
     await node.start()
-    await node.wait_for_master(5)
+    await node.wait_for_master(30)
 
 
 BLOCKING_TALKER = """
@@ -453,26 +452,32 @@ async def test_signals_end_a_blocking_program_quietly(how: str, number: signal.S
     async with master_process() as (_, address):
         async with program(BLOCKING_TALKER, how, master=address) as talker:
             assert await talker.line() == "ready"
-            loop = asyncio.get_running_loop()
-            begun = loop.time()
+            watch = Stopwatch()
             talker.signal(number)
             assert await talker.wait() == 0
-            assert loop.time() - begun < 1.0
+            assert watch.seconds < 1.0
             assert await talker.errors() == ""
         async with aio.MasterClient(address) as client:
             assert await client.get_nodes() == []
 
 
-async def test_a_callback_of_three_seconds_delays_neither_lease_nor_links() -> None:
+async def test_a_callback_that_takes_long_delays_neither_lease_nor_links() -> None:
     text = """
-        import time
+        import signal
         from simple_ros.system_manager import NodeHandle, SystemManager
         from simple_ros.msg.example import SensorData
+        told = {signal.SIGUSR1}
+        signal.pthread_sigmask(signal.SIG_BLOCK, told)
+
+        def takes_long(event):
+            print("blocked", flush=True)
+            signal.sigwait(told)
+
         system = SystemManager.instance()
         system.init("slow")
         node = NodeHandle()
         echo = node.advertise("echo", SensorData)
-        node.create_timer(0.001, lambda event: (print("blocked", flush=True), time.sleep(3)), oneshot=True)
+        node.create_timer(0.001, takes_long, oneshot=True)
         node.subscribe("sensor", SensorData, echo.publish)
         print("ready", flush=True)
         system.spin()
@@ -483,13 +488,13 @@ async def test_a_callback_of_three_seconds_delays_neither_lease_nor_links() -> N
             assert await slow.line() == "ready"
             assert await slow.line() == "blocked"
             publisher = await node.advertise("sensor", SensorData)
-            await publisher.wait_for_subscribers(1, timeout=2)
+            await publisher.wait_for_subscribers(1, timeout=30)
             await node.subscribe("echo", SensorData, lambda m: got.append(m.sensor_id))
             publisher.publish(SensorData(sensor_id=1))
-            begun = asyncio.get_running_loop().time()
-            await until(lambda: got == [1])
-            assert asyncio.get_running_loop().time() - begun > 1.0
             assert {n.node_name for n in await node.client.get_nodes()} == {"slow", "fast"}
+            assert got == []
+            slow.signal(signal.SIGUSR1)
+            await until(lambda: got == [1])
 
 
 def test_publishing_faster_than_the_network_is_held_not_lost_uncounted(
@@ -520,8 +525,8 @@ def test_services_are_answered_in_the_thread_that_spins(system: SystemManager) -
         return AddTwoIntsResponse(sum=request.a + request.b)
 
     provided = server.advertise_service("add", AddTwoInts, add)
-    caller = client.service_client("add", AddTwoInts, timeout=10)
-    caller.wait_for_service(5)
+    caller = client.service_client("add", AddTwoInts, timeout=30)
+    caller.wait_for_service(30)
     done: list[Future[AddTwoIntsResponse]] = []
     futures = [
         caller.call_async(AddTwoIntsRequest(a=i, b=1), callback=done.append) for i in range(5)
@@ -539,7 +544,7 @@ def test_services_are_answered_in_the_thread_that_spins(system: SystemManager) -
     with pytest.raises(ServiceUnavailable):
         caller.call(AddTwoIntsRequest())
     system.shutdown()
-    spinning.join(5)
+    spinning.join(30)
 
 
 def test_a_call_that_would_wait_for_itself_is_told(system: SystemManager) -> None:
@@ -592,7 +597,7 @@ def test_direct_calls_time_out_lose_their_provider_and_find_the_next(
     assert caller.call(AddTwoIntsRequest(a=1, b=2)).sum == 3
     with pytest.raises(ServiceTimeout):
         caller.call(AddTwoIntsRequest(a=-1), timeout=0.05)
-    assert [caller.call(AddTwoIntsRequest(a=i), timeout=5).sum for i in range(20)] == list(
+    assert [caller.call(AddTwoIntsRequest(a=i), timeout=30).sum for i in range(20)] == list(
         range(20)
     )
     killer = threading.Timer(0.2, process.signal, (signal.SIGKILL,))
@@ -602,7 +607,7 @@ def test_direct_calls_time_out_lose_their_provider_and_find_the_next(
     killer.join()
     loop.run(manager.__aexit__(None, None, None))
     manager, process = served()
-    caller.wait_for_service(10)
+    caller.wait_for_service(30)
     threads = [
         threading.Thread(target=lambda: sums.append(caller.call(AddTwoIntsRequest(a=1, b=1)).sum))
         for _ in range(8)
@@ -611,7 +616,7 @@ def test_direct_calls_time_out_lose_their_provider_and_find_the_next(
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(10)
+        thread.join(30)
     assert sums == [2] * 8
     caller.close()
     with pytest.raises(HandleClosed):

@@ -45,7 +45,7 @@ def test_a_named_handle_starts_the_process_and_a_second_one_a_further_node(addre
 
     listener.subscribe("chatter", String, hear)
     publisher = talker.advertise("chatter", String)
-    publisher.wait_for_subscribers(1, timeout=5)
+    publisher.wait_for_subscribers(1, timeout=30)
     publisher.publish(String(data="hello"))
     talker.spin()
     assert heard == ["hello"]
@@ -72,7 +72,7 @@ LOSES_ITS_NAME = """
     from simple_ros import NodeHandle
 
     node = NodeHandle("talker")
-    node.wait_for_master(10)
+    node.wait_for_master(30)
     print("ready", flush=True)
     node.spin()
 """
@@ -118,7 +118,7 @@ SLOW_TO_CLOSE = """
     import simple_ros.system_manager
     simple_ros.system_manager.AsyncNodeHandle = Slow
     node = NodeHandle("slow")
-    node.wait_for_master(10)
+    node.wait_for_master(30)
     print("ready", flush=True)
     node.spin()
     if sys.argv[1] == "explicit":

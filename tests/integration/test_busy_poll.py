@@ -35,10 +35,10 @@ async def test_messages_pass_and_the_loop_sleeps_again(master: Master) -> None:
         async with NodeHandle("b", master=master.address, busy_poll=True) as b:
             subscriber = await b.subscribe("topic", SensorData)
             publisher = await a.advertise("topic", SensorData)
-            await publisher.wait_for_subscribers(1, timeout=5)
+            await publisher.wait_for_subscribers(1, timeout=30)
             for number in range(20):
                 publisher.publish(SensorData(sensor_id=number))
-                assert (await subscriber.receive_within(5)).sensor_id == number
+                assert (await subscriber.receive_within(30)).sensor_id == number
         assert BusyPoll.of(loop).is_on
         assert await waits() == {False}
     assert not BusyPoll.of(loop).is_on

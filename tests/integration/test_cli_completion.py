@@ -16,6 +16,8 @@ from simple_ros.names import topic_name
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros_master import Master
 
+pytestmark = pytest.mark.usefixtures("patient_master")
+
 
 async def completed(line: str, **environment: str) -> list[str]:
     """What bash is given for a line whose last word is being typed."""

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import grpc
+import pytest
 from support.cli import PROGRAM, register, run
 from support.processes import Process, program, python
 
@@ -18,13 +19,15 @@ from simple_ros.rpc import methods
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros_master import Master
 
+pytestmark = pytest.mark.usefixtures("patient_master")
+
 SPINNER = """
     import sys
     from simple_ros import aio
 
     async def main():
         async with aio.NodeHandle(sys.argv[1]) as node:
-            await node.wait_for_master(10)
+            await node.wait_for_master(30)
             print("ready", flush=True)
             await node.spin()
         print("left", flush=True)
@@ -81,7 +84,7 @@ class TestNodesOfOurs:
             name = f"cli_pub_{pub.pid}"
             async with NodeHandle("seer", master=master.address) as seer:
                 subscriber = await seer.subscribe("x", "std_msgs.String", raw=True)
-                await subscriber.receive_within(10)
+                await subscriber.receive_within(30)
             code, stdout, stderr = await run("node", "kill", "--all", "--json", *at)
             assert (code, stderr) == (0, "")
             assert json.loads(stdout) == [
@@ -119,14 +122,14 @@ class TestNodesOfOurs:
 
     async def test_an_unknown_name_ends_none(self, master: Master) -> None:
         async with NodeHandle("robot", master=master.address) as node:
-            await node.wait_for_master(10)
+            await node.wait_for_master(30)
             shown = await run("node", "kill", "robot", "robto", "--master", master.address)
             assert shown == (1, "", "error: no node 'robto'; did you mean 'robot'?\n")
             assert not node.is_closed
 
     async def test_a_later_node_at_the_same_port_is_spared(self, master: Master) -> None:
         async with NodeHandle("robot", master=master.address) as node:
-            await node.wait_for_master(10)
+            await node.wait_for_master(30)
             info = ros.NodeInfo(
                 node_name="former", ip="127.0.0.1", port=node.port, instance_id="gone"
             )
@@ -208,4 +211,4 @@ class TestAtACppMaster:
         async with NodeHandle("robot", master=master.address) as node, cpp_master(node) as address:
             shown = await run("node", "kill", "--all", "--master", address)
             assert shown == (0, "killed robot\n", "")
-            await asyncio.wait_for(node.wait_ended(), 10)
+            await asyncio.wait_for(node.wait_ended(), 30)

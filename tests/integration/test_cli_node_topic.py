@@ -24,6 +24,8 @@ from simple_ros.qos import LATCHED, SENSOR_DATA
 from simple_ros.rpc import ros_rpc_pb2 as ros
 from simple_ros_master import Master
 
+pytestmark = pytest.mark.usefixtures("patient_master")
+
 
 def lines(*texts: str) -> str:
     return "".join(f"{text}\n" for text in texts)
@@ -231,7 +233,7 @@ class TestTopic:
         subscriber = await node.subscribe("more", mine)
         shown = await run("topic", "pub", "more", "lab/Beacon", "name: south", "--once", *at)
         assert shown == (0, "", "")
-        assert await subscriber.receive_within(10) == mine(name="south")
+        assert await subscriber.receive_within(30) == mine(name="south")
 
 
 def beacon() -> type[Message]:
@@ -295,10 +297,10 @@ class TestPub:
         first = await node.subscribe("chatter", String)
         command = ("topic", "pub", "chatter", "String", "{data: a}", "--once", "--latch")
         async with following(*command, "--master", master.address):
-            assert await first.receive_within(10) == String(data="a")
+            assert await first.receive_within(30) == String(data="a")
             async with NodeHandle("late", master=master.address) as late:
                 second = await late.subscribe("chatter", String)
-                assert await second.receive_within(10) == String(data="a")
+                assert await second.receive_within(30) == String(data="a")
 
     async def test_nobody_subscribes(self, master: Master) -> None:
         code, stdout, stderr = await run(

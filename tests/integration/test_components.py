@@ -67,7 +67,7 @@ async def test_messages_are_shared_and_others_get_bytes(master: Master) -> None:
         await sink.subscribe("t", SensorData, got.append)
         await sink.subscribe("t", "example.SensorData", raw.append, raw=True)
         await other.subscribe("t", SensorData, away.append)
-        await publisher.wait_for_subscribers(2, timeout=5)
+        await publisher.wait_for_subscribers(2, timeout=30)
         message = SensorData(sensor_id=7)
         publisher.publish(message)
         await until(lambda: got and raw and away)
@@ -97,13 +97,13 @@ async def test_references_latch_and_hold_back_as_everything_does(master: Master)
         block = QosProfile(depth=3, overflow="block")
         subscriber = await sink.subscribe("t", SensorData, qos=block)
         publisher = await source.advertise("t", SensorData, qos=block)
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
         sent = 0
         with pytest.raises(QueueFull):
             for sent in range(100):
                 publisher.publish(SensorData(sensor_id=sent))
                 await asyncio.sleep(0)
-        assert [(await subscriber.receive_within(5)).sensor_id for _ in range(sent)] == list(
+        assert [(await subscriber.receive_within(30)).sensor_id for _ in range(sent)] == list(
             range(sent)
         )
 

@@ -89,7 +89,7 @@ async def test_topics(master: Master) -> None:
         publisher = await source.advertise("points", PointStamped)
         incoming.of(subscriber)
         outgoing.of(publisher)
-        await publisher.wait_for_subscribers(timeout=5)
+        await publisher.wait_for_subscribers(timeout=30)
         for seq in (1, 2, 4, 4):
             message = PointStamped()
             message.header.seq = seq

@@ -192,7 +192,7 @@ def test_nodes_register_again_with_a_master_that_comes_back() -> None:
 async def test_the_fake_master_keeps_definitions() -> None:
     master = FakeMaster()
     async with NodeHandle("node", master=master) as node:
-        await node.wait_for_master(1)
+        await node.wait_for_master(30)
         await node.client.declare_type(SensorData)
         found = await node.client.message_class("example.SensorData")
         assert found.DESCRIPTOR.full_name == "example.SensorData"

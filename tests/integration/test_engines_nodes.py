@@ -129,7 +129,7 @@ async def test_services_of_the_radio_information_engine(master: Master) -> None:
     async with user(master) as node, running(engine, master, **synthetic()):
         await node.subscribe("/wireless_ros/status", EngineStatus, statuses.append)
         await until(lambda: engine.newest, "a record")
-        client = node.service_client("/wireless_ros/get_link_quality", GetLinkQuality, timeout=5)
+        client = node.service_client("/wireless_ros/get_link_quality", GetLinkQuality, timeout=30)
         answer = await client.call(GetLinkQualityRequest(rnti=0x4601))
         assert answer.found
         assert 0 <= answer.metrics.link_quality <= 1
@@ -210,9 +210,9 @@ async def test_maps_and_ways(master: Master) -> None:
     cells = np.zeros((20, 20), np.int8)
     enhanced: list[OccupancyGrid] = []
     async with user(master) as node, running(engine, master):
-        client = node.service_client("/wireless_ros/optimize_path", OptimizePath, timeout=5)
+        client = node.service_client("/wireless_ros/optimize_path", OptimizePath, timeout=30)
         wanted = PathMessage(poses=[pose(1.5, 10.5), pose(18.5, 10.5)])
-        await client.wait_for_service(timeout=5)
+        await client.wait_for_service(timeout=30)
         refused = await client.call(OptimizePathRequest(path=wanted))
         assert "no map" in refused.message
         maps = await node.advertise("/map", OccupancyGrid, qos=LATCHED)
@@ -247,7 +247,7 @@ async def test_a_robot_writes_the_quality_of_its_own_link(master: Master) -> Non
         maps = await node.advertise("/map", OccupancyGrid, qos=LATCHED)
         maps.publish(numpy_to_occupancy_grid(np.zeros((10, 10), np.int8), 1.0))
         poses = await node.advertise("/robot/pose", PoseStamped)
-        await poses.wait_for_subscribers(1, timeout=5)
+        await poses.wait_for_subscribers(1, timeout=30)
         await until(lambda: engine.quality is not None and len(engine.newest) == 3, "map and links")
         assert engine.quality is not None
         poses.publish(pose(2.5, 3.5))
@@ -264,7 +264,7 @@ async def test_a_critical_task_is_heard(master: Master) -> None:
     ):
         await node.subscribe("/wireless_ros/constraints", Constraint, constraints.append)
         status = await node.advertise("/task_status", String)
-        await status.wait_for_subscribers(1, timeout=5)
+        await status.wait_for_subscribers(1, timeout=30)
         await until(lambda: constraints, "a constraint")
         status.publish(String(data="CRITICAL"))
         await until(lambda: constraints[-1].constraint_type.startswith("CRITICAL_"), "the task")
@@ -379,7 +379,7 @@ def http(url: str, body: str, content_type: str = "text/plain") -> tuple[int, st
         url, body.encode(), {"Content-Type": content_type}, method="POST"
     )
     try:
-        with urllib.request.urlopen(request, timeout=5) as answer:
+        with urllib.request.urlopen(request, timeout=30) as answer:
             return answer.status, answer.read().decode()
     except urllib.error.HTTPError as error:
         with error:
@@ -429,8 +429,8 @@ async def test_the_bridge_hands_on_untouched_bytes_until_the_link_is_bad(master:
         await node.subscribe("/camera/mobile/image_raw", "sensor_msgs.Image", got.append, raw=True)
         camera = await node.advertise("/camera/image_raw", Image)
         constraints = await node.advertise("/wireless_ros/constraints", Constraint)
-        await camera.wait_for_subscribers(1, timeout=5)
-        await constraints.wait_for_subscribers(1, timeout=5)
+        await camera.wait_for_subscribers(1, timeout=30)
+        await constraints.wait_for_subscribers(1, timeout=30)
         flow = bridge.flows["/camera/image_raw"]
         await until(lambda: flow.publisher.subscriber_count, "the listener")
         camera.publish(image)

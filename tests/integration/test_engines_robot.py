@@ -58,7 +58,7 @@ async def engine(master: Master, **parameters: Any) -> AsyncIterator[CrossDomain
 async def metrics(node: NodeHandle) -> Callable[..., Any]:
     """Publishes metrics of the robot's link until something holds."""
     publisher = await node.advertise("/wireless_ros/phy_layer_metrics", PhyLayerMetrics)
-    await publisher.wait_for_subscribers(1, timeout=10)
+    await publisher.wait_for_subscribers(1, timeout=30)
 
     async def until_so(condition: Callable[[], object], **values: Any) -> None:
         number = 0
@@ -79,7 +79,7 @@ async def test_the_speed_of_the_robot_is_held_against_the_round_trip(master: Mas
     async with handle("user", master) as user, engine(master):
         await user.subscribe("/wireless_ros/control_limits", ControlLimits, found.append)
         velocity = await user.advertise("/robot/velocity", TwistStamped)
-        await velocity.wait_for_subscribers(1, timeout=10)
+        await velocity.wait_for_subscribers(1, timeout=30)
         until_so = await metrics(user)
         await until_so(lambda: found, channel_response_time=200.0)
         assert found[0].max_speed_mps == pytest.approx(2.0)
@@ -96,7 +96,7 @@ async def test_sensors_that_are_at_work_share_the_link(master: Master) -> None:
     async with handle("user", master) as user, engine(master) as made:
         await user.subscribe("/wireless_ros/sensor_mode", String, modes.append)
         sensors = await user.advertise("/active_sensors", MarkerArray)
-        await sensors.wait_for_subscribers(1, timeout=10)
+        await sensors.wait_for_subscribers(1, timeout=30)
         until_so = await metrics(user)
         await until_so(lambda: modes)
         assert modes[-1].data == "HIGH_RESOLUTION"
@@ -180,8 +180,8 @@ async def test_between_two_ends_the_stacks_own_plan_is_compared(master: Master) 
         maps.publish(numpy_to_occupancy_grid(np.zeros((50, 50), np.int8), 0.1))
         async with engine(master, plan_service="/nav/make_plan") as made:
             await until(lambda: made.quality is not None)
-            client = user.service_client("/wireless_ros/optimize_path", OptimizePath, timeout=10)
-            await client.wait_for_service(10)
+            client = user.service_client("/wireless_ros/optimize_path", OptimizePath, timeout=30)
+            await client.wait_for_service(30)
             request = OptimizePathRequest(path=poses((1, 1), (4, 4)))
             alone = await client.call(request)
             assert alone.success

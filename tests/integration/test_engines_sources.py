@@ -402,7 +402,7 @@ async def test_gaps_and_duplicates_are_counted_by_topic(master: Master) -> None:
     async with user(master) as node, at_work(engine, master):
         await node.subscribe("/wireless_ros/status", EngineStatus, statuses.append)
         metrics = await node.advertise("/wireless_ros/phy_layer_metrics", PhyLayerMetrics)
-        await metrics.wait_for_subscribers(1, timeout=5)
+        await metrics.wait_for_subscribers(1, timeout=30)
         for number in (0, 1, 1, 4):
             message = PhyLayerMetrics(link_id="4601", link_quality=0.8)
             message.header.seq = number
@@ -440,7 +440,7 @@ async def test_zones_are_where_the_robot_is_and_shares_add_up(
         options = source("replay", path=str(file), restamp=True, loop=True)
         async with at_work(RadioInformationEngine(), master, link="4602", **options):
             poses = await node.advertise("/robot/pose", PoseStamped)
-            await poses.wait_for_subscribers(1, timeout=5)
+            await poses.wait_for_subscribers(1, timeout=30)
             pose = PoseStamped()
             pose.header.frame_id = "map"
             pose.pose.position.x, pose.pose.position.y = 3.0, -1.5

@@ -196,11 +196,11 @@ async def test_a_watcher_whose_client_is_closed_is_told_so_and_a_cancelled_one_i
         begun = asyncio.Event()
         client = MasterClient(master.address)
         watching = asyncio.create_task(watch(client))
-        await asyncio.wait_for(begun.wait(), 5)
+        await asyncio.wait_for(begun.wait(), 30)
         if ends_by_closing:
             await client.close()
             with pytest.raises(MasterUnavailable, match="closed"):
-                await asyncio.wait_for(watching, 5)
+                await asyncio.wait_for(watching, 30)
         else:
             watching.cancel()
             with pytest.raises(asyncio.CancelledError):

@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager, suppress
 
 import grpc
 import pytest
+from support.waiting import Stopwatch
 
 from simple_ros.qos import DEFAULT, SENSOR_DATA
 from simple_ros.rpc import master_pb2 as master_pb
@@ -38,7 +39,7 @@ async def watch(client):
 
 async def read(stream):
     """The next message of a stream, or None at its end."""
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(30):
         message = await stream.read()
     return None if message is grpc.aio.EOF else message
 
@@ -158,10 +159,11 @@ async def test_a_killed_process_is_gone_and_its_peers_know(master, client, watch
         await publisher.next_update()
         async with holder(master) as process:
             assert [t.port for t in (await publisher.next_update()).add_targets] == [9]
+            stopwatch = Stopwatch()
             process.send_signal(signal.SIGKILL)
-            async with asyncio.timeout(3):
-                assert [t.port for t in (await publisher.next_update()).remove_targets] == [9]
-                await until_gone(watch, "s")
+            assert [t.port for t in (await publisher.next_update()).remove_targets] == [9]
+            await until_gone(watch, "s")
+            assert stopwatch.seconds < 3
 
 
 async def test_a_newer_node_takes_the_name(client):
@@ -314,6 +316,6 @@ async def test_a_holder_that_no_longer_answers_loses_its_lease(master, watch):
         assert (await read(watch)).change.kind == master_pb.NODE_ADDED
         assert (await read(watch)).change.kind == master_pb.SUBSCRIBER_ADDED
         process.send_signal(signal.SIGSTOP)
-        started = asyncio.get_running_loop().time()
+        stopwatch = Stopwatch()
         await until_gone(watch, "s")
-        assert asyncio.get_running_loop().time() - started < 7
+        assert stopwatch.seconds < 7

@@ -29,7 +29,7 @@ async def test_topics_are_in_the_namespace(master: Master) -> None:
         await listener.subscribe("robot1/talker/own", String, lambda m: got.append("own " + m.data))
         for topic in ("chatter", "/chatter", "~own"):
             publisher = await talker.advertise(topic, String)
-            await publisher.wait_for_subscribers(1, 5)
+            await publisher.wait_for_subscribers(1, 30)
             publisher.publish(String(data=topic))
         await until(lambda: len(got) == 3)
         assert sorted(got) == ["chatter", "global /chatter", "own ~own"]
@@ -45,7 +45,7 @@ async def test_services_too(master: Master) -> None:
             "go", SetBool, lambda request: SetBoolResponse(success=request.data)
         )
         assert server.name == "r/driver/start"
-        client = tool.service_client("/r/driver/start", SetBool, timeout=5)
+        client = tool.service_client("/r/driver/start", SetBool, timeout=30)
         assert (await client.call(SetBoolRequest(data=True))).success
 
 
@@ -59,7 +59,7 @@ async def test_remaps_bring_nodes_together(master: Master) -> None:
         publisher = await talker.advertise("chatter", String)
         assert publisher.topic == subscriber.topic == "news"
         publisher.publish(String(data="hello"))
-        assert (await asyncio.wait_for(subscriber.receive(), 5)).data == "hello"
+        assert (await asyncio.wait_for(subscriber.receive(), 30)).data == "hello"
 
 
 async def test_a_bad_name_is_shown_with_a_caret(master: Master) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from support.processes import Process, master_process, program, python
-from support.waiting import until
+from support.waiting import LIMIT_S, until
 
 from simple_ros.aio import NodeHandle
 from simple_ros.blocking import BlockingNode
@@ -60,7 +60,7 @@ async def test_a_killed_master_loses_nothing_that_a_node_uses() -> None:
             watch = await tool.watch_parameters("robot1")
             await tool.set_parameters({"robot1/driver/gain": 2})
             assert await driver.line() == "gain 2.0"
-            while (await watch.receive(5)).value != 2.0:
+            while (await watch.receive(30)).value != 2.0:
                 pass
             await killed_and_restarted(first, port, 3.0, driver, tool, watch)
 
@@ -82,7 +82,7 @@ async def killed_and_restarted(
         await until(lambda: dict(watch.values) == used)
         await tool.set_parameters({name: value})
         assert await driver.line() == f"gain {value}"
-        while (await watch.receive(5)).value != value:
+        while (await watch.receive(30)).value != value:
             pass
         with pytest.raises(TimeoutError):
             await watch.receive(0.01)
@@ -90,7 +90,7 @@ async def killed_and_restarted(
 
 async def known(tool: NodeHandle, name: str) -> None:
     """Wait until the Master knows a parameter that a node declares."""
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(30):
         while True:
             with contextlib.suppress(UnknownParameter, MasterUnavailable):
                 if (await tool.describe_parameter(name)).nodes:
@@ -182,7 +182,7 @@ def system() -> Iterator[SystemManager]:
     loop.stop()
 
 
-def spin_until(system: SystemManager, condition: Any, limit: float = 10.0) -> None:
+def spin_until(system: SystemManager, condition: Any, limit: float = LIMIT_S) -> None:
     end = time.monotonic() + limit
     while not condition():
         assert time.monotonic() < end, "not within the limit"
@@ -224,7 +224,7 @@ def test_the_blocking_face(system: SystemManager) -> None:
     assert watch.prefix == "ns"
     watch.close()
     with tool.watch_parameters("ns") as quiet:
-        assert quiet.receive(5).value == 2.0
+        assert quiet.receive(30).value == 2.0
         assert dict(quiet.values) == {"ns/blocking/gain": 2.0}
         with pytest.raises(TimeoutError):
             quiet.receive(0.01)

@@ -292,12 +292,12 @@ class TestWatching:
         async with node(anyone, "a", namespace="ns") as a:
             await a.set_parameters({"x": 1, "/other": 1})
             watch = await a.watch_parameters("/ns")
-            assert await watch.receive(5) == ParameterChanged("ns/x", 1, None)
+            assert await watch.receive(30) == ParameterChanged("ns/x", 1, None)
             await a.set_parameters({"x": 2, "/other": 2, "~y": 3})
-            assert await watch.receive(5) == ParameterChanged("ns/x", 2, 1)
-            assert await watch.receive(5) == ParameterChanged("ns/a/y", 3, None)
+            assert await watch.receive(30) == ParameterChanged("ns/x", 2, 1)
+            assert await watch.receive(30) == ParameterChanged("ns/a/y", 3, None)
             await a.delete_parameter("x")
-            assert await watch.receive(5) == ParameterChanged("ns/x", None, 2)
+            assert await watch.receive(30) == ParameterChanged("ns/x", None, 2)
             assert dict(watch.values) == {"ns/a/y": 3}
             await watch.close()
             await watch.close()

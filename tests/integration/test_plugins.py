@@ -74,8 +74,8 @@ async def test_the_transport_of_the_example_is_found_by_name(
         sure = await source.advertise("sure", SensorData)
         (info,) = [node for node in await source.client.get_nodes() if node.node_name == "sink"]
         assert [a for a in info.addresses if a.startswith("udp://127.0.0.1:")]
-        await publisher.wait_for_subscribers(1, timeout=5)
-        await sure.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
+        await sure.wait_for_subscribers(1, timeout=30)
         (link,) = publisher._links.all
         (sure_link,) = sure._links.all
         assert link._way.transport.scheme == "udp"
@@ -95,9 +95,9 @@ async def test_a_node_that_does_not_know_the_transport_gets_messages_by_tcp(
     ):
         subscriber = await sink.subscribe("sensor", SensorData, qos=BEST_EFFORT)
         publisher = await source.advertise("sensor", SensorData, qos=BEST_EFFORT)
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
         publisher.publish(SensorData(sensor_id=4))
-        assert (await subscriber.receive_within(5)).sensor_id == 4
+        assert (await subscriber.receive_within(30)).sensor_id == 4
 
 
 async def test_a_udp_peer_that_is_killed_is_noticed_and_found_again(
@@ -203,7 +203,7 @@ async def test_other_classes_travel_as_protobuf_types(master: Master) -> None:
         publisher = await source.advertise("r", Reading)
         plain = await source.advertise("r", SensorData)
         assert publisher.msg_type == "example.SensorData"
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
         publisher.publish(Reading(3, 0.5))
         await until(lambda: raw)
         assert readings == [Reading(3, 0.5)]
@@ -276,7 +276,7 @@ async def test_an_engine_is_listed_and_runs_as_a_node(path: Path, master: Master
         python(*command, **where) as process,
     ):
         subscriber = await node.subscribe("hello", "std_msgs.String")
-        assert (await subscriber.receive_within(10)).data == "hello"
+        assert (await subscriber.receive_within(30)).data == "hello"
         assert [n.node_name for n in await node.client.get_nodes("greeter")] == ["greeter"]
         process.signal(2)
         assert await process.wait() == 0

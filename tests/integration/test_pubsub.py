@@ -66,7 +66,7 @@ async def test_one_topic_whatever_the_slash(master: Master, ours: str, theirs: s
         )
         assert publisher.topic == subscriber.topic == "sensor"
         await foreign(master, "subscriber", theirs, cpp.port)
-        await publisher.wait_for_subscribers(2, timeout=5)
+        await publisher.wait_for_subscribers(2, timeout=30)
         publisher.publish(SensorData(sensor_id=1))
         publisher.publish(SensorData(sensor_id=2))
         await until(lambda: len(cpp.frames) == 2)
@@ -119,7 +119,7 @@ async def test_all_forms_of_callback_get_everything_in_order(master: Master) -> 
         assert plain == awaited == iterated == everything
         assert [SensorData.FromString(data).sensor_id for data in raw] == everything
         await named.close()
-        await asyncio.wait_for(task, 5)
+        await asyncio.wait_for(task, 30)
 
 
 async def test_a_burst_larger_than_the_queue_reaches_a_consumer_that_keeps_up(
@@ -204,11 +204,11 @@ async def test_leaving_is_told_to_publishers(master: Master) -> None:
         publisher = await source.advertise("sensor", SensorData)
         async with NodeHandle("sink", master=master.address) as sink:
             subscriber = await sink.subscribe("sensor", SensorData, lambda m: None)
-            await publisher.wait_for_subscribers(1, timeout=5)
+            await publisher.wait_for_subscribers(1, timeout=30)
             await subscriber.close()
             await until(lambda: not publisher.targets)
             await sink.subscribe("sensor", SensorData, lambda m: None)
-            await publisher.wait_for_subscribers(1, timeout=5)
+            await publisher.wait_for_subscribers(1, timeout=30)
         await until(lambda: not publisher.targets)
         names = [info.node_name for info in await source.client.get_nodes()]
         assert names == ["source"]
@@ -386,7 +386,7 @@ async def test_everything_may_be_done_inside_a_plain_callback(master: Master) ->
                 tasks.append(asyncio.create_task(subscriber.close()))
 
         subscriber = await sink.subscribe("sensor", SensorData, on_sensor)
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
         publisher.publish(SensorData(sensor_id=0))
         await until(lambda: tasks and tasks[0].done())
         assert got == [0, 1, 2, 3, 4, 5]

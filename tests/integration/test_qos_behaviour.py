@@ -92,7 +92,7 @@ async def test_a_stalled_subscriber_never_delays_the_others(master: Master) -> N
             "big", ControlCommand, qos=DEFAULT.replace(depth=5, max_bytes=3_000_000)
         )
         with stalled_target(source, "big"):
-            await publisher.wait_for_subscribers(2, timeout=5)
+            await publisher.wait_for_subscribers(2, timeout=30)
             for i in range(40):
                 publisher.publish(MEGABYTE)
                 await until(lambda i=i: got == i + 1)
@@ -126,7 +126,7 @@ async def test_block_waits_for_room_and_loses_nothing(master: Master) -> None:
                     await asyncio.sleep(0)
         waiting = asyncio.create_task(publisher.publish_async(SensorData(sensor_id=sent)))
         release.set()
-        await asyncio.wait_for(waiting, 5)
+        await asyncio.wait_for(waiting, 30)
         await until(lambda: len(got) == sent + 1)
         assert got == list(range(sent + 1))
         assert publisher.statistics.dropped == 0
@@ -136,7 +136,7 @@ async def test_best_effort_forgets_what_a_broken_link_held(master: Master) -> No
     async with NodeHandle("source", master=master.address) as source:
         publisher = await source.advertise("big", ControlCommand, qos=SENSOR_DATA)
         with stalled_target(source, "big"):
-            await publisher.wait_for_subscribers(1, timeout=5)
+            await publisher.wait_for_subscribers(1, timeout=30)
             while not publisher.statistics.waiting:
                 publisher.publish(MEGABYTE)
         await until(lambda: publisher.statistics.waiting == 0)
@@ -227,7 +227,7 @@ async def test_flush_after_a_best_effort_link_broke(master: Master) -> None:
     async with NodeHandle("source", master=master.address) as source:
         publisher = await source.advertise("big", ControlCommand, qos=SENSOR_DATA)
         with stalled_target(source, "big"):
-            await publisher.wait_for_subscribers(1, timeout=5)
+            await publisher.wait_for_subscribers(1, timeout=30)
             while not publisher.statistics.waiting:
                 publisher.publish(MEGABYTE)
             flushing = asyncio.create_task(publisher.flush(5))

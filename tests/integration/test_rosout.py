@@ -65,7 +65,7 @@ async def test_lines_with_all_their_facts(master: Master) -> None:
     ):
         reader = await Reader(other).start()
         async with await enable_rosout(node) as rosout:
-            await rosout.wait_for_subscribers(timeout=5)
+            await rosout.wait_for_subscribers(timeout=30)
             LOGGER.debug("not this")
             LOGGER.info("number %d", 7)
             try:
@@ -100,7 +100,7 @@ async def test_levels_change_at_run_time(master: Master) -> None:
     ):
         reader = await Reader(other).start()
         async with await enable_rosout(node, level="warn") as rosout:
-            await rosout.wait_for_subscribers(timeout=5)
+            await rosout.wait_for_subscribers(timeout=30)
             LOGGER.info("0")
             rosout.set_level("debug")
             LOGGER.debug("1")
@@ -128,7 +128,7 @@ async def test_no_feedback(master: Master) -> None:
 
         await node.subscribe("rosout", Log, log_again)
         async with await enable_rosout(node, level="debug") as rosout:
-            await rosout.wait_for_subscribers(timeout=5)
+            await rosout.wait_for_subscribers(timeout=30)
             logging.getLogger("simple_ros.peer").debug("chatter")
             logging.getLogger("simple_ros.peer").warning("worth it")
             LOGGER.warning("one")
@@ -147,7 +147,7 @@ async def test_never_more_than_fits(master: Master) -> None:
     ):
         reader = await Reader(other).start()
         async with await enable_rosout(node, capacity=10) as rosout:
-            await rosout.wait_for_subscribers(timeout=5)
+            await rosout.wait_for_subscribers(timeout=30)
             for number in range(25):
                 LOGGER.info("%d", number)
             assert rosout.dropped == 15
@@ -163,7 +163,7 @@ async def test_from_many_threads(master: Master) -> None:
     ):
         reader = await Reader(other).start()
         async with await enable_rosout(node) as rosout:
-            await rosout.wait_for_subscribers(timeout=5)
+            await rosout.wait_for_subscribers(timeout=30)
 
             def work() -> None:
                 for _ in range(50):
@@ -185,12 +185,12 @@ async def test_stamps_are_simulated_time(master: Master) -> None:
     ):
         Clock.attach(node).use_sim_time(True)
         ticks = await other.advertise(CLOCK_TOPIC, ClockMsg)
-        await ticks.wait_for_subscribers(timeout=5)
+        await ticks.wait_for_subscribers(timeout=30)
         ticks.publish(ClockMsg(clock=Time.of(42).to_msg()))
         await until(lambda: Clock.attach(node).now() == Time.of(42))
         reader = await Reader(other).start()
         async with await enable_rosout(node) as rosout:
-            await rosout.wait_for_subscribers(timeout=5)
+            await rosout.wait_for_subscribers(timeout=30)
             LOGGER.info("now")
             await until(lambda: reader.lines)
             assert reader.lines[0].header.stamp.seconds == 42
@@ -218,9 +218,9 @@ def test_blocking_face() -> None:
     lines = node.subscribe("rosout", Log)
     with enable_rosout_blocking(node, level="info") as rosout:
         rosout.set_level("debug")
-        rosout.wait_for_subscribers(timeout=5)
+        rosout.wait_for_subscribers(timeout=30)
         LOGGER.debug("hello")
-        assert lines.receive(5).msg == "hello"
+        assert lines.receive(30).msg == "hello"
         assert rosout.dropped == 0
     node.close()
     loop.run(master.stop())

@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator
 import pytest
 from support.foreign_master import ForeignMaster as CppMaster
 from support.processes import master_process, program
-from support.waiting import until
+from support.waiting import Stopwatch, until
 
 from simple_ros import (
     HandleClosed,
@@ -275,7 +275,7 @@ async def test_a_client_may_wait_for_the_service(master: Master) -> None:
         caller = client.service_client("add", AddTwoInts)
         with pytest.raises(TimeoutError):
             await caller.wait_for_service(0.05)
-        waiting = asyncio.create_task(caller.wait_for_service(10))
+        waiting = asyncio.create_task(caller.wait_for_service(30))
         await server.advertise_service("add", AddTwoInts, added)
         await waiting
         assert (await caller.call(ask(2, 2))).sum == 4
@@ -285,7 +285,7 @@ async def test_services_with_a_fake_master() -> None:
     master = FakeMaster()
     async with NodeHandle("a", master=master) as a, NodeHandle("b", master=master) as b:
         caller = b.service_client("add", AddTwoInts)
-        waiting = asyncio.create_task(caller.wait_for_service(5))
+        waiting = asyncio.create_task(caller.wait_for_service(30))
         await a.advertise_service("add", AddTwoInts, added)
         await waiting
         assert (await caller.call(ask(2, 3))).sum == 5
@@ -308,20 +308,22 @@ async def test_a_provider_killed_in_the_middle_of_a_call_answers_at_once(master:
     async with NodeHandle("client", master=master.address) as client:
         caller = client.service_client("add", AddTwoInts)
         async with program(SERVER, master=master.address) as server:
-            await caller.wait_for_service(20)
+            await caller.wait_for_service(30)
             assert await server.line() == "ready"
             calls = [asyncio.create_task(caller.call(ask(-1, 0))) for _ in range(3)]
             for _ in calls:
                 assert await server.line() == "began"
+            watch = Stopwatch()
             server.signal(signal.SIGKILL)
             for call in calls:
                 with pytest.raises(ServiceUnavailable, match="node 'server' is gone"):
-                    await asyncio.wait_for(call, 2)
+                    await call
+            assert watch.seconds < 2
         with pytest.raises(ServiceUnavailable):
-            await caller.call(ask(1, 1), timeout=5)
+            await caller.call(ask(1, 1), timeout=30)
         async with program(SERVER, master=master.address):
-            await caller.wait_for_service(20)
-            assert (await caller.call(ask(1, 1), timeout=5)).sum == 2
+            await caller.wait_for_service(30)
+            assert (await caller.call(ask(1, 1), timeout=30)).sum == 2
 
 
 async def test_a_client_killed_in_the_middle_of_a_call_ends_its_handler(master: Master) -> None:
@@ -360,7 +362,7 @@ async def test_calls_go_on_without_a_master_and_services_come_back_with_it() -> 
                 await client.service_client("other", AddTwoInts).call(ask(1, 1))
             async with master_process(port):
                 fresh = client.service_client("add", AddTwoInts)
-                await fresh.wait_for_service(10)
+                await fresh.wait_for_service(30)
                 assert (await fresh.call(ask(2, 2))).sum == 4
 
 

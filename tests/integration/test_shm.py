@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.processes import program
-from support.waiting import until
+from support.waiting import Stopwatch, until
 
 from simple_ros import QosProfile
 from simple_ros.aio import NodeHandle
@@ -78,7 +78,7 @@ async def test_a_subscriber_killed_with_views_in_its_hands_gives_its_slots_back(
         for _ in range(3):
             async with program(HOLDER, master=master.address) as holder:
                 assert await holder.line() == "ready"
-                await publisher.wait_for_subscribers(1, timeout=10)
+                await publisher.wait_for_subscribers(1, timeout=30)
                 for number in range(1, 11):
                     publisher.publish(image(number))
                     await publisher.flush(5)
@@ -115,7 +115,7 @@ async def test_held_views_never_change_and_all_else_goes_on(
     ):
         await viewer.subscribe("image", LargeImage, got.append)
         publisher = await camera.advertise("image", LargeImage)
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
         # Far more than is shared: the rest goes through the socket.
         for number in range(40):
             publisher.publish(image(number))
@@ -142,7 +142,7 @@ async def test_three_subscribers_look_at_one_copy(master: Master) -> None:
         for number, node in enumerate((a, b, c)):
             await node.subscribe("image", LargeImage, got[number].append)
         publisher = await camera.advertise("image", LargeImage)
-        await publisher.wait_for_subscribers(3, timeout=5)
+        await publisher.wait_for_subscribers(3, timeout=30)
         for number in range(5):
             publisher.publish(image(number))
             await until(lambda number=number: all(len(one) == number + 1 for one in got.values()))
@@ -168,7 +168,7 @@ async def test_a_slow_subscriber_gets_the_newest_and_a_blocking_publisher_waits(
         seen_latest = await viewer.subscribe("latest", LargeImage, qos=block)
         seen_whole = await viewer.subscribe("whole", LargeImage, qos=block)
         for publisher in (latest, whole):
-            await publisher.wait_for_subscribers(1, timeout=5)
+            await publisher.wait_for_subscribers(1, timeout=30)
         for number in range(60):
             latest.publish(image(number, 3 * SIZE))
         assert latest.statistics.dropped >= 60 - 2 * depth - 10
@@ -178,13 +178,13 @@ async def test_a_slow_subscriber_gets_the_newest_and_a_blocking_publisher_waits(
                 await whole.publish_async(image(number, 3 * SIZE))
 
         sending = asyncio.create_task(send_all())
-        numbers = [(await seen_whole.receive_within(5)).height for _ in range(60)]
+        numbers = [(await seen_whole.receive_within(30)).height for _ in range(60)]
         await sending
         assert numbers == list(range(60))
         assert whole.statistics.dropped == 0
         last = -1
         while last < 59:
-            message = await seen_latest.receive_within(5)
+            message = await seen_latest.receive_within(30)
             assert message.height > last
             assert message.data[0] == message.height
             last = message.height
@@ -202,7 +202,7 @@ async def test_without_shared_memory_the_next_transport_carries(
     ):
         await viewer.subscribe("image", LargeImage, got.append)
         publisher = await camera.advertise("image", LargeImage)
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
         publisher.publish(image(7))
         await until(lambda: got)
         assert got[0].data[5] == 7
@@ -225,13 +225,13 @@ async def test_a_stranger_on_the_socket_is_turned_away(master: Master) -> None:
                 socket.send_fds(sock, [greeting], fds)
             sock.shutdown(socket.SHUT_WR)
             reader, writer = await asyncio.open_unix_connection(sock=sock)
-            assert await asyncio.wait_for(reader.read(), 5) == b""
+            assert await asyncio.wait_for(reader.read(), 30) == b""
             writer.close()
         async with NodeHandle("camera", master=master.address, transports=SHM) as camera:
             publisher = await camera.advertise("image", LargeImage)
             publisher.publish(image(2))
-            await publisher.wait_for_subscribers(1, timeout=5)
-            assert (await subscriber.receive_within(5)).height == 2
+            await publisher.wait_for_subscribers(1, timeout=30)
+            assert (await subscriber.receive_within(30)).height == 2
 
 
 async def test_nothing_is_left_open_when_nodes_have_come_and_gone(master: Master) -> None:
@@ -242,9 +242,9 @@ async def test_nothing_is_left_open_when_nodes_have_come_and_gone(master: Master
         ):
             subscriber = await viewer.subscribe("image", LargeImage)
             publisher = await camera.advertise("image", LargeImage)
-            await publisher.wait_for_subscribers(1, timeout=5)
+            await publisher.wait_for_subscribers(1, timeout=30)
             publisher.publish(image(1))
-            await subscriber.receive_within(5)
+            await subscriber.receive_within(30)
 
     def open_files() -> int:
         gc.collect()
@@ -266,7 +266,8 @@ async def test_a_stranger_who_says_nothing_does_not_hold_up_the_end(master: Mast
         reader, writer = await asyncio.open_unix_connection(unix_path(address))
         # The node has accepted it: nothing else waits for a greeting here.
         await until(lambda: any("_take" in repr(task) for task in asyncio.all_tasks()))
-        async with asyncio.timeout(2):
-            await viewer.close()
-        assert await asyncio.wait_for(reader.read(), 5) == b""
+        watch = Stopwatch()
+        await viewer.close()
+        assert watch.seconds < 2
+        assert await asyncio.wait_for(reader.read(), 30) == b""
         writer.close()

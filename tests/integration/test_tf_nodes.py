@@ -60,7 +60,7 @@ async def test_static_transforms_reach_who_comes_late(master: Master) -> None:
         static.send(edge("base", "camera", 0, 1))
         static.send([edge("base", "laser", 0, 2), edge("base", "camera", 0, 3)])
         async with await TransformListener.create(late) as listener:
-            laser = await listener.buffer.wait_for_transform("base", "laser", timeout=5)
+            laser = await listener.buffer.wait_for_transform("base", "laser", timeout=30)
             assert laser.transform.translation.x == 2
             camera = listener.buffer.lookup_transform("base", "camera", Time.of(1e9))
             assert camera.transform.translation.x == 3
@@ -73,9 +73,9 @@ async def test_waiting_for_a_time(master: Master) -> None:
         buffer = (await TransformListener.create(planner)).buffer
         assert not buffer.can_transform("odom", "base")
         waiting = asyncio.create_task(
-            buffer.wait_for_transform("odom", "base", Time.of(1.5), timeout=5)
+            buffer.wait_for_transform("odom", "base", Time.of(1.5), timeout=30)
         )
-        await broadcaster._publisher.wait_for_subscribers(timeout=5)
+        await broadcaster._publisher.wait_for_subscribers(timeout=30)
         broadcaster.send(edge("odom", "base", 1, 1))
         await until(lambda: buffer.can_transform("odom", "base"))
         assert not waiting.done()
@@ -120,7 +120,7 @@ async def test_what_makes_no_sense(master: Master, caplog: pytest.LogCaptureFixt
             broadcaster.send(TransformStamped(child_frame_id="b", header={"frame_id": "a"}))
         publisher = await robot.advertise("tf", TFMessage)
         listener = await TransformListener.create(other)
-        await publisher.wait_for_subscribers(timeout=5)
+        await publisher.wait_for_subscribers(timeout=30)
         for _ in range(2):
             publisher.publish(TFMessage(transforms=[edge("a", "a", 1), edge("a", "b", 1)]))
         await until(lambda: listener.refused == 2)
@@ -132,7 +132,7 @@ async def test_time_that_goes_back_empties_the_buffer(master: Master) -> None:
     async with nodes(master, "robot", "other") as (robot, other):
         Clock.attach(other).use_sim_time(True)
         clock = await robot.advertise(CLOCK_TOPIC, ClockMsg)
-        await clock.wait_for_subscribers(timeout=5)
+        await clock.wait_for_subscribers(timeout=30)
         buffer = (await TransformListener.create(other)).buffer
         clock.publish(ClockMsg(clock=Time.of(10).to_msg()))
         await until(lambda: Clock.attach(other).now() == Time.of(10))
@@ -170,7 +170,7 @@ def test_blocking_face() -> None:
 
         thread = threading.Thread(target=drive)
         thread.start()
-        answer = listener.wait_for_transform("odom", "camera", timeout=5)
+        answer = listener.wait_for_transform("odom", "camera", timeout=30)
         stop.set()
         thread.join()
         assert answer.transform.translation.x >= 2

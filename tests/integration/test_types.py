@@ -96,7 +96,7 @@ async def test_a_restarted_master_is_told_the_types_again() -> None:
             await first.kill()
             async with master_process(port):
                 async with NodeHandle("waiter", master=address) as waiter:
-                    await waiter.wait_for_master(5)
+                    await waiter.wait_for_master(30)
 
                     async def known() -> bool:
                         try:

@@ -36,8 +36,8 @@ def test_topics_large_messages_and_services(transports: tuple[str, ...]) -> None
             await b.subscribe("sensor", SensorData, small.append)
             camera = await a.advertise("image", kind)
             sensor = await a.advertise("sensor", SensorData)
-            await camera.wait_for_subscribers(1, timeout=5)
-            await sensor.wait_for_subscribers(1, timeout=5)
+            await camera.wait_for_subscribers(1, timeout=30)
+            await sensor.wait_for_subscribers(1, timeout=30)
             for number in range(5):
                 await camera.publish_async(kind(Image(height=number), bytes(3_000_000)))
             for number in range(200):
@@ -46,7 +46,7 @@ def test_topics_large_messages_and_services(transports: tuple[str, ...]) -> None
             # Two nodes of one loop would call each other directly.
             b.providers._local_lanes = lambda _: None
             await a.advertise_service("s", Trigger, lambda _: TriggerResponse(message="done"))
-            answer = await b.service_client("s", Trigger).call(TriggerRequest(), timeout=5)
+            answer = await b.service_client("s", Trigger).call(TriggerRequest(), timeout=30)
             assert answer.message == "done"
 
     uvloop.run(scenario())

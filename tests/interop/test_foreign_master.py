@@ -42,7 +42,7 @@ async def test_messages_flow_between_our_nodes() -> None:
     ):
         publisher = await source.advertise("/sensor", SensorData)
         await sink.subscribe("sensor", SensorData, lambda message: got.append(message.sensor_id))
-        await publisher.wait_for_subscribers(1, timeout=5)
+        await publisher.wait_for_subscribers(1, timeout=30)
         for i in range(50):
             publisher.publish(SensorData(sensor_id=i))
         await until(lambda: len(got) == 50)
@@ -72,7 +72,7 @@ async def test_registers_again_with_a_restarted_master_and_links_stay() -> None:
             await master._subscribe(
                 ros.SubscribeRequest(topic_name="sensor", node_info=target), None
             )
-            await publisher.wait_for_subscribers(1, timeout=5)
+            await publisher.wait_for_subscribers(1, timeout=30)
             port = master.port
             await master.__aexit__()
             publisher.publish(SensorData(sensor_id=1))

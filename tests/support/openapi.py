@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -22,8 +23,9 @@ from simple_ros_engines.network_exposure.exposure.http import (
 )
 
 DIRECTORY = os.environ.get("SIMPLE_ROS_OPENAPI_DIR", "")
+HAS_FILES = bool(DIRECTORY) and Path(DIRECTORY, "camara").is_dir()
 needs_openapi = pytest.mark.skipif(
-    not DIRECTORY or not Path(DIRECTORY, "camara").is_dir(),
+    not HAS_FILES,
     reason="SIMPLE_ROS_OPENAPI_DIR does not name a folder with the official files",
 )
 FILES = {
@@ -39,19 +41,37 @@ FILES = {
 class Exchange:
     request: HttpRequest
     response: HttpResponse
+    is_spoilt: bool = False
 
 
 @dataclass
 class Recorder(HttpTransport):
-    """Sends as the real one, and remembers."""
+    """Sends as the real one, and remembers.
+
+    Attributes:
+        is_spoiling: Whether what is answered now is wrong on purpose.
+    """
 
     inner: HttpTransport = field(default_factory=StandardTransport)
     exchanges: list[Exchange] = field(default_factory=list)
+    is_spoiling: Callable[[], bool] = lambda: False
 
     async def send(self, request: HttpRequest, timeout_s: float) -> HttpResponse:
+        is_spoilt = self.is_spoiling()
         response = await self.inner.send(request, timeout_s)
-        self.exchanges.append(Exchange(request, response))
+        self.exchanges.append(Exchange(request, response, is_spoilt))
         return response
+
+    def complaints(self) -> list[str]:
+        """What the official files say against all that was sent and answered; nothing without the files."""
+        if not HAS_FILES:
+            return []
+        return [
+            f"{one.request.method} {one.request.url} -> {one.response.status}: {text}"
+            for one in self.exchanges
+            if not one.is_spoilt and any(root in one.request.url for root in FILES)
+            for text in judge(one)
+        ]
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
@@ -134,6 +154,9 @@ def judge(exchange: Exchange) -> list[str]:
         content = request.headers["Content-Type"]
         found += _body_problems(request.body, uri, where, operation["requestBody"], content)
     status = str(response.status)
+    if status not in operation["responses"] and response.status >= 500:
+        # A server that fails follows no file.
+        return found
     if status not in operation["responses"]:
         return [*found, f"{status} is no answer of {operation.get('operationId')}"]
     node = operation["responses"][status]

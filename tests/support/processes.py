@@ -11,6 +11,8 @@ import textwrap
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
+from support.waiting import LIMIT_S
+
 
 class Process:
     """A Python child process whose standard output is read line by line."""
@@ -19,7 +21,7 @@ class Process:
         self.process = process
         self.pid = process.pid
 
-    async def line(self, limit: float = 15.0) -> str:
+    async def line(self, limit: float = LIMIT_S) -> str:
         assert self.process.stdout is not None
         raw = await asyncio.wait_for(self.process.stdout.readline(), limit)
         if not raw:
@@ -33,7 +35,7 @@ class Process:
     def signal(self, number: int) -> None:
         os.kill(self.pid, number)
 
-    async def wait(self, limit: float = 10.0) -> int:
+    async def wait(self, limit: float = LIMIT_S) -> int:
         return await asyncio.wait_for(self.process.wait(), limit)
 
     async def kill(self) -> None:

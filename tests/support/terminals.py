@@ -109,12 +109,12 @@ class Run:
 
     async def line(self) -> str:
         assert self._process.stdout is not None
-        raw = await asyncio.wait_for(self._process.stdout.readline(), 15)
+        raw = await asyncio.wait_for(self._process.stdout.readline(), 30)
         return raw.decode().rstrip("\n")
 
     async def ended(self) -> None:
         """It ends by itself, having printed all; with code 1 if it printed an error, else 0."""
-        rest, _ = await asyncio.wait_for(self._process.communicate(), 15)
+        rest, _ = await asyncio.wait_for(self._process.communicate(), 30)
         assert rest.decode() == "", str(self)
         refused = any(line.startswith("error: ") for line in self.command.output)
         assert self._process.returncode == int(refused), str(self)
@@ -123,7 +123,7 @@ class Run:
         """It ends quietly on Ctrl-C, or has ended."""
         if not self.has_ended:
             self._process.send_signal(signal.SIGINT)
-        rest, _ = await asyncio.wait_for(self._process.communicate(), 15)
+        rest, _ = await asyncio.wait_for(self._process.communicate(), 30)
         assert (self._process.returncode, "Traceback" in rest.decode()) == (0, False), (
             f"{self}\n{rest.decode()}"
         )

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from simple_ros.msg.geometry_msgs import PoseWithCovariance, Twist
 from simple_ros.msg.sensor_msgs import Imu, JointState, Range
-from simple_ros.msg.std_msgs import Byte, Int16MultiArray, String
+from simple_ros.msg.std_msgs import Byte, Header, Int16MultiArray, String
 from simple_ros.msg.visualization_msgs import Marker, MarkerType
 from simple_ros_firmware_bridge import cdr
 
@@ -103,3 +103,9 @@ def test_there_and_back(names: list[str], positions: list[float], order: str) ->
     message.header.frame_id = "base"
     message.header.stamp.seconds, message.header.stamp.nanos = 12, 345
     assert cdr.decode(cdr.encode(message, order), JointState, order) == message
+
+
+def test_more_than_a_second_in_the_nanoseconds_is_carried() -> None:
+    data = struct.pack("<iI", 5, 2_500_000_000) + struct.pack("<I", 1) + bytes(1)
+    stamp = cdr.decode(data, Header).stamp
+    assert (stamp.seconds, stamp.nanos) == (7, 500_000_000)

@@ -16,6 +16,7 @@ from simple_ros_firmware_bridge.simulator.creation import Topic
 from simple_ros_firmware_bridge.simulator.line import LineReader, frame
 from simple_ros_firmware_bridge.xrce.agent import Agent
 from simple_ros_firmware_bridge.xrce.creation import ObjectId
+from simple_ros_firmware_bridge.xrce.downlink import Downlink
 from simple_ros_firmware_bridge.xrce.events import (
     EndpointGone,
     EndpointRefused,
@@ -31,6 +32,7 @@ from simple_ros_firmware_bridge.xrce.events import (
     WriterReady,
 )
 from simple_ros_firmware_bridge.xrce.objects import Profile
+from simple_ros_firmware_bridge.xrce.output_stream import ReliableOutput
 from simple_ros_firmware_bridge.xrce.session import UnknownReader
 
 HELLO = bytes.fromhex("80000000 00011000 58524345 0100 010f 01020304 81 00 fc01")
@@ -88,6 +90,14 @@ def test_a_ping_says_whether_there_is_a_session() -> None:
             "010d 58524345 0100 010f 00 010d 00 0100 0000 00000000"
         )
         made.receive(HELLO, 0.0)
+
+
+def test_a_board_of_another_session_is_told_that_there_is_none() -> None:
+    made, _ = connected(ODOM)
+    for session, alive in ((0x81, 1), (0x82, 0), (0x80, 1)):
+        made.receive(bytes((session,)) + bytes.fromhex("000000 02010800 000afffd 02000000"), 0.0)
+        (answer,) = made.data_to_send()
+        assert answer[13] == alive
 
 
 def test_time_is_told() -> None:
@@ -518,3 +528,71 @@ def test_a_million_bytes_of_garbage_on_the_line_of_a_board() -> None:
     assert [event.data for event in serial.agent.events() if isinstance(event, Sample)] == [
         b"after"
     ]
+
+
+def test_fragments_within_fragments_have_an_end() -> None:
+    made, _ = connected(ODOM)
+    assert made.session is not None
+    expected = made.session.streams.inputs[0].expected
+    assert expected is not None
+    head = struct.pack("<BBH", 0x81, 0x80, expected)
+    made.receive(head + bytes.fromhex("0d030000") * 1000, 1.0)
+    assert made.session.malformed == 1
+    made.data_to_send()
+    made.receive(write(expected + 1), 1.0)
+    assert made.events() == [Sample(ObjectId(WRITER), b"data", "<")]
+
+
+def test_a_best_effort_board_that_counted_on_unheard_is_heard_again() -> None:
+    made, _ = connected(ODOM)
+    counts = ((10, True), (9, False), (10, False), (40_000, True), (39_990, False), (3, True))
+    for number, is_new in counts:
+        made.receive(write(number, stream=0x01), 1.0)
+        assert bool(made.events()) is is_new, number
+
+
+def test_no_more_than_a_submessage_can_say_goes_down() -> None:
+    down = Downlink(ReliableOutput(0x80), mtu=0xFFFF)
+    with pytest.raises(MessageTooLarge) as caught:
+        down.offer(("reader", None), "map", bytes(70_004), 70_000)
+    limit = caught.value.limit
+    down.offer(("reader", None), "map", bytes(4 + limit), limit)
+    assert sum(len(body) for _, body in down.due(0.0)) > limit
+
+
+def test_a_board_that_only_listens_is_asked_for_a_sign_of_life() -> None:
+    made, client = connected(CMD_VEL)
+    made.probe()
+    (question,) = made.data_to_send()
+    client.receive(question, 1.0)
+    (answer,) = client.data_to_send()
+    assert answer[4] == 10
+    made.receive(answer, 1.0)
+    assert made.data_to_send() == []
+    made.write(ObjectId(CMD_VEL.endpoint_id), b"twist", "cmd_vel", 1.0)
+    made.probe()
+    assert len(made.data_to_send()) == 1
+    assert agent().data_to_send() == []
+
+
+def test_what_a_former_program_of_the_board_had_is_forgotten() -> None:
+    made, _ = connected(ODOM, BEST_EFFORT, CMD_VEL)
+    client = BoardClient([ODOM])
+    exchange(made, client)
+    assert client.stage is Stage.RUNNING
+    for now, gone in ((5.0, []), (11.0, [BEST_EFFORT, CMD_VEL]), (30.0, [])):
+        assert client.publish(0, b"odom", now)
+        events = exchange(made, client, now)
+        found = {event.object_id for event in events if isinstance(event, EndpointGone)}
+        assert found == {topic.endpoint_id for topic in gone}
+    assert made.session is not None
+    assert ObjectId(WRITER) in made.session.objects.created
+
+
+def test_a_board_that_creates_nothing_anew_keeps_what_it_has() -> None:
+    made, _ = connected(ODOM)
+    made.receive(HELLO, 20.0)
+    made.events()
+    for number, now in enumerate((20.1, 40.0, 60.0)):
+        made.receive(write(number), now)
+        assert made.events() == [Sample(ObjectId(WRITER), b"data", "<")]
