@@ -23,6 +23,7 @@ logger = logging.getLogger(__name__)
 
 _RETRY_S = 0.25
 _LOOK_S = 1.0
+_QUIET_LOOKS = 0.5
 _TOLD_AGAIN_S = 60.0
 _TOLD_ELSEWHERE = (Standing.CLOSED, Standing.NOT_CONNECTED)
 
@@ -42,7 +43,7 @@ class Board:
         memory = MemoryFile(directory, config.port or "any")
         self._line: SerialLine | None = None
         self.host = AgentHost(
-            node, config, self.name, memory, self._send, lambda: self._line is not None
+            node, config, self.name, memory, self._send, self._is_open, self._is_backed_up
         )
         self.serial = SerialAgent(self.host.agent)
         self._why_closed = "it was not opened yet"
@@ -58,6 +59,12 @@ class Board:
         self._tasks = [
             self._loop.create_task(work) for work in (self._keep_open(), self._keep_looking())
         ]
+
+    def _is_open(self) -> bool:
+        return self._line is not None
+
+    def _is_backed_up(self) -> bool:
+        return self._line is not None and self._line.is_backed_up
 
     async def _keep_open(self) -> None:
         while True:
@@ -117,6 +124,8 @@ class Board:
         while True:
             await asyncio.sleep(_LOOK_S)
             self._look()
+            if self._loop.time() - self._heard_at >= _QUIET_LOOKS * _LOOK_S:
+                self.host.probe()
 
     def _look(self) -> None:
         """Judge the line, and say so in the log when it is another kind of judgement than before."""
@@ -170,6 +179,9 @@ class Board:
         status.add("port", self.config.port or "any")
         for name, value in vars(self.serial.reader.counters).items():
             status.add(name.replace("_", " "), value)
+        status.add("misaddressed frames", self.serial.misaddressed)
+        if self._line is not None:
+            status.add("bytes dropped since the port took no more", self._line.dropped_bytes)
         self.host.add_values(status)
 
     async def close(self) -> None:

@@ -28,9 +28,9 @@ class Nanoseconds:
 
     def read(self, holder: Any, name: str, numbers: tuple[Any, ...]) -> None:
         """As `Convert` says."""
-        seconds, nanoseconds = numbers
-        if nanoseconds >= _SECOND:
-            raise Impossible(f"{nanoseconds} nanoseconds are more than a second")
+        # Firmware that counts milliseconds often puts more than a second into the nanoseconds.
+        more, nanoseconds = divmod(numbers[1], _SECOND)
+        seconds = numbers[0] + more
         if name:
             setattr(holder, name, seconds + nanoseconds / _SECOND)
             return

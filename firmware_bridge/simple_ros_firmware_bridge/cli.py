@@ -15,9 +15,16 @@ from simple_ros import aio
 from simple_ros.errors import ConfigError, SimpleRosError
 from simple_ros.ready import ready
 from simple_ros_firmware_bridge.bridge import PicoBridge
-from simple_ros_firmware_bridge.config import DEFAULT_BAUD, BoardConfig, load_boards
+from simple_ros_firmware_bridge.config import (
+    DEFAULT_BAUD,
+    BoardConfig,
+    check_ports,
+    load_boards,
+)
 from simple_ros_firmware_bridge.control.cli import controller
+from simple_ros_firmware_bridge.launching import launch
 from simple_ros_firmware_bridge.memory_file import default_directory
+from simple_ros_firmware_bridge.node_words import Words, take_words
 from simple_ros_firmware_bridge.simulator.cli import simulator
 
 __all__ = ["PROGRAM", "app", "bridge"]
@@ -29,10 +36,12 @@ app = typer.Typer(no_args_is_help=True, help="Boards with micro-ROS firmware.")
 
 app.command()(simulator)
 app.command()(controller)
+app.command()(launch)
 
 
 @app.command()
 def bridge(
+    words: Words = None,
     port: Annotated[
         list[str] | None,
         typer.Option(metavar="PATH[=PREFIX]", help="Serial port, and a namespace for its topics."),
@@ -80,6 +89,9 @@ def bridge(
         format="%(asctime)s %(levelname)s %(message)s",
     )
     logging.getLogger("asyncio").setLevel(logging.INFO)
+    take_words(words)
+    if config is not None and port:
+        raise typer.BadParameter("--config names the boards: give --port or --config")
     try:
         common = BoardConfig(baud=baud, remap=_remaps(remap or ()), restamp=restamp)
         if config is not None:
@@ -88,6 +100,7 @@ def bridge(
             # Who asks for a network port alone has no board on a serial one.
             is_serial = udp is None and tcp is None
             boards = [_board(common, text) for text in port or ([""] if is_serial else [])]
+            check_ports(boards)
         directory = (state or default_directory()) if keep else None
         aio.run(_serve(boards, directory, (udp, tcp), common, master))
     except (SimpleRosError, OSError) as error:

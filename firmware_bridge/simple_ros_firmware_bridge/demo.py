@@ -130,7 +130,9 @@ async def _drive(node: aio.NodeHandle, duration_s: float, squares: float) -> Non
     begin, shown, told = loop.time(), 0, 0
     while (elapsed := loop.time() - begin) < duration_s and driver.squares < squares:
         try:
-            pose = _pose(await asyncio.wait_for(latest.get(), _SILENT_S))
+            # asyncio.wait_for of Python 3.11 loses a Ctrl-C that comes together with a message.
+            async with asyncio.timeout(_SILENT_S):
+                pose = _pose(await latest.get())
         except TimeoutError:
             continue  # a robot that does not say where it is is not driven; its controller stops it
         commands.publish(twist(driver.command(pose)))

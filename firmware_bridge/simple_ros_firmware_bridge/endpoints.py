@@ -15,6 +15,7 @@ from google.protobuf.message import Message
 from simple_ros.aio import NodeHandle, Publisher, Subscriber
 from simple_ros.errors import MessageTooLarge, SimpleRosError
 from simple_ros.msg.registry import MsgFactory
+from simple_ros.msg.tf2_msgs import TFMessage
 from simple_ros.qos import Durability, QosProfile, Reliability
 from simple_ros_firmware_bridge import cdr
 from simple_ros_firmware_bridge.mapping import TopicMap, graph_type
@@ -36,6 +37,7 @@ logger = logging.getLogger(__name__)
 
 _EARLY = 100
 _DOWN_DEPTH = 1
+_LOOK_AGAIN_S = 0.005
 
 
 @dataclass
@@ -49,6 +51,7 @@ class Flow:
         messages: How many.
         refused: How many could not be carried.
         problem: Why the last of these could not.
+        waiting: What goes to a best-effort reader when the line takes more; only the newest does.
     """
 
     endpoint: Endpoint
@@ -59,6 +62,7 @@ class Flow:
     problem: str = ""
     handle: Publisher[Any] | Subscriber[Any] | None = None
     early: deque[Message] = field(default_factory=lambda: deque(maxlen=_EARLY))
+    waiting: Message | None = None
 
     def refuse(self, problem: str) -> None:
         """A message could not be carried; the first of its kind is logged."""
@@ -75,6 +79,7 @@ class BoardEndpoints:
         node: Whose publishers and subscriptions they are.
         names: What topics are called.
         write: Sends a sample to a reader of the board: id, CDR, topic.
+        is_backed_up: Whether the line takes no more at the moment.
         restamps: Whether stamps that are no time of day are replaced.
     """
 
@@ -83,6 +88,7 @@ class BoardEndpoints:
         node: NodeHandle,
         names: TopicMap,
         write: Callable[[ObjectId, bytes, str], None],
+        is_backed_up: Callable[[], bool] = lambda: False,
         *,
         restamps: bool = True,
     ) -> None:
@@ -91,6 +97,8 @@ class BoardEndpoints:
         self._node = node
         self._names = names
         self._write = write
+        self._is_backed_up = is_backed_up
+        self._looking_again: asyncio.TimerHandle | None = None
         self._restamps = restamps
         self._changes: asyncio.Queue[Callable[[], Any]] = asyncio.Queue()
         self._worker = asyncio.get_running_loop().create_task(self._work())
@@ -179,16 +187,32 @@ class BoardEndpoints:
             flow.early.append(message)
 
     def _restamp(self, message: Any) -> None:
-        header = getattr(message, "header", None)
-        if header is None:
-            return
+        for part in message.transforms if isinstance(message, TFMessage) else (message,):
+            if (header := getattr(part, "header", None)) is not None:
+                self._restamp_header(header)
+
+    def _restamp_header(self, header: Any) -> None:
         stamp = header.stamp
         stamp_ns = stamp.seconds * 10**9 + stamp.nanos
         if needs_new_stamp(stamp_ns):
             new = self.offset.restamped(stamp_ns, time.time_ns())
             stamp.seconds, stamp.nanos = divmod(new, 10**9)
 
+    def _look_again(self) -> None:
+        self._looking_again = None
+        for flow in list(self.flows.values()):
+            if flow.waiting is not None:
+                self._down(flow, flow.waiting)
+
     def _down(self, flow: Flow, message: Message) -> None:
+        # A reliable reader has its window; for a best-effort one what waits in the line would only grow old.
+        if not flow.endpoint.reliable and self._is_backed_up():
+            flow.waiting = message
+            if self._looking_again is None:
+                loop = asyncio.get_running_loop()
+                self._looking_again = loop.call_later(_LOOK_AGAIN_S, self._look_again)
+            return
+        flow.waiting = None
         try:
             self._write(flow.endpoint.object_id, cdr.encode(message), flow.topic)
             flow.messages += 1
@@ -203,6 +227,8 @@ class BoardEndpoints:
     async def close(self) -> None:
         """Close everything."""
         self._worker.cancel()
+        if self._looking_again is not None:
+            self._looking_again.cancel()
         flows, self.flows = self.flows, {}
         for flow in flows.values():
             await self._close_flow(flow)

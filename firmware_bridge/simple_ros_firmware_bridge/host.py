@@ -41,6 +41,7 @@ class AgentHost:
         memory: Where its session is kept.
         send: Sends what the agent has to send; called after everything that may have made some.
         is_open: Whether there is a line to send on.
+        is_backed_up: Whether it takes no more at the moment.
     """
 
     def __init__(
@@ -51,11 +52,16 @@ class AgentHost:
         memory: Memory,
         send: Callable[[], None],
         is_open: Callable[[], bool],
+        is_backed_up: Callable[[], bool] = lambda: False,
     ) -> None:
         self.name = name
         self.agent = Agent(_knows_type, time.time_ns, config.profiles, memory.load())
         self.endpoints = BoardEndpoints(
-            node, TopicMap(config.remap, config.prefix), self._write, restamps=config.restamp
+            node,
+            TopicMap(config.remap, config.prefix),
+            self._write,
+            is_backed_up,
+            restamps=config.restamp,
         )
         self.services = BoardServices(node, TopicMap(config.remap, config.prefix), self)
         self.latency = Latency()
@@ -85,6 +91,12 @@ class AgentHost:
             logger.log(level, "board %s: %s", self.name, text)
         if is_changed:
             self._memory.keep(self.agent.remembered())
+
+    def probe(self) -> None:
+        """Ask a silent board for a sign of life."""
+        if self._is_open():
+            self.agent.probe()
+            self.flush()
 
     def flush(self) -> None:
         """Send what there is, and come back when more is due."""
@@ -120,6 +132,9 @@ class AgentHost:
 
     def add_values(self, status: Status) -> None:
         """What the streams and topics of the board do."""
+        counters = self.agent.counters
+        status.add("malformed messages", counters.malformed)
+        status.add("messages of unknown sessions", counters.strangers)
         self._add_streams(status)
         latency = self.latency.take()
         for name, seconds in (

@@ -20,8 +20,9 @@ logger = logging.getLogger(__name__)
 
 _MAX_BOARDS = 64
 _FORGOTTEN_S = 60.0
-_LOOK_S = 10.0
-_SILENT_S = 2.0
+_LOOK_S = 5.0
+_SILENT_S = 2.0 * _LOOK_S
+_MOST_NAMED = 3
 
 Address = tuple[Any, ...]
 """As sockets have it: host and port come first."""
@@ -125,13 +126,25 @@ class NetBoards:
         return self._boards.get(address)
 
     def admit(self, address: Address, send: Callable[[bytes], None]) -> NetBoard | None:
-        """A new board; None if there are too many."""
-        if len(self._boards) >= _MAX_BOARDS:
+        """A new board; None if there are too many.
+
+        Whoever never began a session makes room: it may be anybody.
+        """
+        if len(self._boards) >= _MAX_BOARDS and not self._made_room():
             self.refused += 1
             return None
         board = self._boards[address] = NetBoard(self, address, send)
         board.host.flush()
         return board
+
+    def _made_room(self) -> bool:
+        idle = [board for board in self._boards.values() if board.host.agent.session is None]
+        if not idle:
+            return False
+        last = min(idle, key=lambda board: board.heard_at)
+        self._forget(last.address)
+        self.drop(last.address)
+        return True
 
     def drop(self, address: Address) -> None:
         """This board is not there any more; its session is kept."""
@@ -149,17 +162,24 @@ class NetBoards:
                 logger.info("board %s: silent for a minute, forgotten", board.host.name)
                 self._forget(address)
                 self.drop(address)
+            elif now - board.heard_at > _LOOK_S / 2:
+                board.host.probe()
 
     def diagnose(self, status: Status) -> None:
         """A task of a `DiagnosticUpdater`."""
         now = self.now()
-        status.summary(OK, f"{len(self._boards)} boards")
-        for board in self._boards.values():
-            if now - board.heard_at > _SILENT_S:
-                status.merge_summary(WARN, f"{board.host.name} is silent")
+        boards = [it for it in self._boards.values() if it.host.agent.session is not None]
+        status.summary(OK, f"{len(boards)} boards")
+        silent = [it.host.name for it in boards if now - it.heard_at > _SILENT_S]
+        if silent:
+            more = f" and {len(silent) - _MOST_NAMED} more" if len(silent) > _MOST_NAMED else ""
+            status.merge_summary(WARN, f"silent: {', '.join(silent[:_MOST_NAMED])}{more}")
+        for board in boards:
             status.add("board", board.host.name)
             board.host.add_values(status)
-        if self.refused:
+        status.add("addresses without a session", len(self._boards) - len(boards))
+        refused, self.refused = self.refused, 0
+        if refused:
             status.merge_summary(ERROR, f"more than {_MAX_BOARDS} boards at once")
 
     async def close(self) -> None:

@@ -26,7 +26,9 @@ _LEAST_TEXT = 3
 _SURELY_TEXT = 12
 _MAX_DAMAGED = 4
 _LEAST_MESSAGE = 12
-_TEXT = re.compile(rb"[\x20-\x7c\t]{3,}")
+_SURELY_UNICODE = 6
+_TEXT = re.compile(rb"[\x20-\x7d\t]{3,}")
+_COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
 
 
 class Frame(NamedTuple):
@@ -88,11 +90,23 @@ def encode_frame(payload: bytes, source: int, destination: int) -> bytes:
 
 def _readable(line: bytearray) -> str:
     """The text of a line; empty if it is none: noise has letters too, and rarely many in a row."""
+    line = bytearray(_COLOUR.sub(b"", line))
+    if (text := _unicode(line)) and not text.isascii():
+        return text
     runs: list[bytes] = _TEXT.findall(line)
     if 5 * sum(map(len, runs)) < 4 * len(line):
         runs = [run for run in runs if len(run) >= _SURELY_TEXT]
     text = b" ".join(runs).decode("ascii").strip()
     return text if len(text) >= _LEAST_TEXT else ""
+
+
+def _unicode(line: bytearray) -> str:
+    """The text of a line in UTF-8; empty if it is none, or so short that noise may look like it."""
+    try:
+        text = line.decode().replace("\t", " ").strip()
+    except UnicodeDecodeError:
+        return ""
+    return text if len(text) >= _SURELY_UNICODE and text.isprintable() else ""
 
 
 def _unescaped(raw: bytes) -> bytes:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import fcntl
 import os
 import re
+import struct
+import termios
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +19,8 @@ __all__ = ["BY_ID", "SerialLine", "find_boards", "open_problem"]
 
 _READ_BYTES = 65536
 _MAX_WAITING = 65536
+_BACKED_UP = 1024
+"""Two messages of the usual size; 90 ms at 115200 baud."""
 _RASPBERRY_PI = 0x2E8A
 BY_ID = Path("/dev/serial/by-id")
 _PICO_NAME = "usb-Raspberry_Pi_Pico"
@@ -55,6 +60,15 @@ def open_problem(error: Exception) -> str:
     return reason or getattr(error, "strerror", None) or str(error)
 
 
+def _opened(path: str, baud: int) -> serial.Serial:
+    try:
+        return serial.Serial(path, baud, timeout=0, exclusive=True)
+    except termios.error as error:  # no OSError: a port that went away just now ends so
+        raise OSError(*error.args) from None
+    except OverflowError:
+        raise OSError(errno.EINVAL, f"there is no such speed as {baud} baud") from None
+
+
 class SerialLine:
     """An open port. ``received`` and ``lost`` are called on the event loop.
 
@@ -76,7 +90,7 @@ class SerialLine:
         lost: Callable[[str], None],
     ) -> None:
         # Exclusive: two agents on one port would each get half of the bytes.
-        self._port = serial.Serial(path, baud, timeout=0, exclusive=True)
+        self._port = _opened(path, baud)
         self._fd = self._port.fileno()
         self._received = received
         self._lost = lost
@@ -102,6 +116,17 @@ class SerialLine:
             self._received(data)
         else:
             self._end("it was unplugged")
+
+    @property
+    def is_backed_up(self) -> bool:
+        """Whether what was written lies here or in the driver for longer than a message may."""
+        if not self.is_open:
+            return False
+        try:
+            (queued,) = struct.unpack("i", fcntl.ioctl(self._fd, termios.TIOCOUTQ, bytes(4)))
+        except OSError:
+            queued = 0  # it is going away, which reading tells
+        return bool(len(self._waiting) + queued > _BACKED_UP)
 
     def write(self, data: bytes) -> None:
         """Send; what the port does not take now waits, up to 64 KiB."""

@@ -121,7 +121,8 @@ class BoardServices:
             self._waiting[number] = waiting
             try:
                 self._line.request(endpoint.object_id, number, cdr.encode(request), name)
-                reply = await asyncio.wait_for(waiting, _BOARD_LIMIT_S)
+                async with asyncio.timeout(_BOARD_LIMIT_S):
+                    reply = await waiting
             except TimeoutError:
                 raise ServiceCallError(
                     name, f"the board did not answer within {_BOARD_LIMIT_S:g} s"

@@ -66,7 +66,7 @@ async def test_the_robot_drives_and_knows_where_it_is(master: Master) -> None:
         wish = Twist()
         wish.linear.x, wish.angular.z = 0.4, 0.8
         pilot.create_timer(0.05, lambda _: commands.publish(wish))
-        await until(lambda: firmware.robot.pose.yaw > 0.5, "movement", 20)
+        await until(lambda: firmware.robot.pose.yaw > 0.5, "movement")
         wish.Clear()
         await until(lambda: abs(firmware.robot.body.vx) < 1e-3, "standing")
         truth = firmware.robot.pose
@@ -133,5 +133,5 @@ async def test_the_launch_file_starts_the_whole_robot(master: Master, tmp_path: 
         await looker.subscribe("odometry/wheels", Odometry, odometry.append)
         environment = {"SIMPLE_ROS_MASTER": master.address, "XDG_STATE_HOME": str(tmp_path)}
         async with python("-m", "simple_ros.cli.main", *words, **environment):
-            await until(lambda: odometry, "odometry", 40)
+            await until(lambda: odometry, "odometry", 60)
             assert "ddd" not in master.graph.to_readable_string()

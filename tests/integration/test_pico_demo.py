@@ -24,23 +24,23 @@ def environment(master: Master, tmp_path: Path) -> dict[str, str]:
     return {"SIMPLE_ROS_MASTER": master.address, **directories}
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(240)
 async def test_it_drives_and_apps_find_what_the_layout_shows(
     master: Master, tmp_path: Path
 ) -> None:
     wanted = await topics_of_the_layout()
     words = (*DEMO, "--duration", "4.5", "--foxglove-port", "0")
     async with python(*words, **environment(master, tmp_path)) as process:
-        while not (link := await process.line(40)).startswith("in Foxglove: open "):
+        while not (link := await process.line(60)).startswith("in Foxglove: open "):
             pass
         port = int(link.partition(";")[0].rpartition("%3A")[2])
         address, protocol = f"ws://127.0.0.1:{port}", Subprotocol("foxglove.sdk.v1")
         async with connect(address, subprotocols=[protocol]) as app:
             while wanted:
-                said = await asyncio.wait_for(app.recv(), 10)
+                said = await asyncio.wait_for(app.recv(), 30)
                 channels = json.loads(said).get("channels", ()) if isinstance(said, str) else ()
                 wanted -= {channel["topic"] for channel in channels}
-        while "  4 s" not in (line := await process.line(40)):
+        while "  4 s" not in (line := await process.line(60)):
             pass
         x, yaw = float(line.split()[3]), float(line.split()[8])
         assert x > 0.3 or yaw > 45
@@ -57,13 +57,13 @@ async def topics_of_the_layout() -> set[str]:
     return {path.partition(".")[0] for path in plotted} | shown | raw
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(240)
 async def test_killed_with_minus_nine_it_leaves_nothing_running(
     master: Master, tmp_path: Path
 ) -> None:
     words = (*DEMO, "--no-foxglove")
     async with python(*words, **environment(master, tmp_path)) as process:
-        while "deg" not in await process.line(40):
+        while "deg" not in await process.line(60):
             pass
         started = psutil.Process(process.pid).children(recursive=True)
         names = [" ".join(it.cmdline()) for it in started]
@@ -73,5 +73,4 @@ async def test_killed_with_minus_nine_it_leaves_nothing_running(
         await until(
             lambda: not any(it.is_running() and it.status() != "zombie" for it in started),
             "that all have ended",
-            15,
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import random
 import socket
 import struct
@@ -18,6 +19,7 @@ from support.waiting import until
 from simple_ros import aio
 from simple_ros.msg.geometry_msgs import Twist
 from simple_ros.msg.std_msgs import Float64
+from simple_ros_firmware_bridge import net_boards
 from simple_ros_firmware_bridge.bridge import PicoBridge
 from simple_ros_firmware_bridge.memory_file import MemoryBook
 from simple_ros_firmware_bridge.simulator.client import Stage
@@ -151,6 +153,40 @@ async def test_garbage_over_tcp_harms_nobody(master: Master) -> None:
                 writer.close()
             count = len(seen)
             await until(lambda: len(seen) > count + 20, "samples of the good board")
+
+
+@BOARDS
+async def test_who_never_begins_a_session_keeps_no_board_away(
+    master: Master, made: BoardMaker
+) -> None:
+    kind = socket.SOCK_DGRAM if made is udp_board else socket.SOCK_STREAM
+    with contextlib.ExitStack() as strangers:
+        async with bridged(master, made) as port, looker(master) as (seen, _):
+            for _ in range(70):
+                stranger = strangers.enter_context(socket.socket(socket.AF_INET, kind))
+                stranger.connect(("127.0.0.1", port))
+                stranger.send(b"\x08\x00nonsense")
+                await asyncio.sleep(0)
+            async with made(port):
+                await until(lambda: len(seen) > 20, "samples")
+
+
+@BOARDS
+async def test_a_board_that_only_listens_is_not_forgotten(
+    master: Master, made: BoardMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(net_boards, "_LOOK_S", 0.1)
+    monkeypatch.setattr(net_boards, "_FORGOTTEN_S", 0.5)
+    loop = asyncio.get_running_loop()
+    async with bridged(master, made) as port, looker(master) as (seen, node):
+        async with made(port) as board:
+            await until(lambda: len(seen) > 5, "samples")
+            board.client.publish = lambda *_: False  # type: ignore[method-assign]
+            quiet_since = loop.time()
+            await until(lambda: loop.time() > quiet_since + 1.5, "a long silence")
+            keep_commanding(node, await node.advertise("cmd_vel", Twist))
+            await until(lambda: board.commands, "a command")
+            assert board.client.counters.resets == 0
 
 
 def test_a_book_keeps_the_newest(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ async def test_the_graph_calls_the_board(master: Master) -> None:
     async with board(master) as (made, line, other):
         made.take(ServiceOffered(ENDPOINT))
         client = other.service_client("left/switch", std_srvs.SetBool)
-        await client.wait_for_service(10)
+        await client.wait_for_service(30)
         calls = [asyncio.create_task(client.call(SetBoolRequest(data=on))) for on in (True, False)]
         await until(lambda: len(line.requests) == 2, "the requests")
         made.take(reply_to(line, 1, "second"))
@@ -93,7 +93,7 @@ async def test_a_board_that_does_not_answer(
     async with board(master) as (made, _, other):
         made.take(ServiceOffered(ENDPOINT))
         client = other.service_client("left/switch", std_srvs.SetBool)
-        await client.wait_for_service(10)
+        await client.wait_for_service(30)
         with pytest.raises(RemoteServiceError, match="the board did not answer within"):
             await client.call(SetBoolRequest())
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 import os
 import random
+import termios
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
+import serial
 from support.waiting import until
 
 from simple_ros import aio
@@ -80,6 +82,21 @@ async def test_silence_is_told_once_and_its_end(
     assert caplog.text.count("is silent") == 1
 
 
+async def test_a_board_that_only_listens_is_not_called_silent(
+    master: Master, caplog: pytest.LogCaptureFixture
+) -> None:
+    firmware = Firmware()
+    firmware.client.publish = lambda *_: False  # type: ignore[method-assign]
+    async with PtyBoard(firmware) as board, bridge(master, BoardConfig(board.path)) as made:
+        agent = made.boards[0].host.agent
+        await until(lambda: "subscribes rt/cmd_vel" in caplog.text, "a session")
+        assert agent.session is not None
+        (down,) = agent.session.streams.downlinks
+        await until(lambda: down.output.counters.heartbeats > 10, "questions whether it is there")
+        assert "silent" not in caplog.text
+        assert made.boards[0].judged.text == "connected"
+
+
 @pytest.mark.parametrize(
     ("path", "words"),
     [
@@ -94,6 +111,32 @@ async def test_a_wrong_port(
     (tmp_path / "file").touch()
     async with bridge(master, BoardConfig(str(tmp_path / path))):
         await until(lambda: words in caplog.text, words)
+
+
+async def test_a_speed_that_no_port_has(master: Master, caplog: pytest.LogCaptureFixture) -> None:
+    async with PtyBoard(Firmware()) as board:
+        async with bridge(master, BoardConfig(board.path, 99_999_999_999)):
+            await until(
+                lambda: "no such speed as 99999999999 baud" in caplog.text, "that it is wrong"
+            )
+
+
+async def test_a_port_that_goes_while_it_is_opened_is_opened_again(
+    master: Master, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = serial.Serial
+    errors = [termios.error(5, "Input/output error")]
+
+    def opened(*arguments: object, **options: object) -> serial.Serial:
+        if errors:
+            raise errors.pop()
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(serial, "Serial", opened)
+    async with PtyBoard(Firmware()) as board:
+        async with bridge(master, BoardConfig(board.path)):
+            await until(lambda: "connected" in caplog.text, "a session")
+    assert "Input/output error" in caplog.text
 
 
 async def test_a_port_that_somebody_has(master: Master, caplog: pytest.LogCaptureFixture) -> None:

@@ -54,6 +54,19 @@ def test_joints_are_read_by_name_and_unknown_ones_told_once(
     assert caplog.text.count("'gripper'") == 1
 
 
+@pytest.mark.parametrize("nonsense", [math.nan, math.inf])
+def test_nonsense_of_a_board_does_not_stay(nonsense: float) -> None:
+    system = RobotSystem(DRIVE, period_s=0.01)
+    system.joint_states_came(joints(), 1.0)
+    wrong = joints()
+    wrong.position[0] = nonsense
+    system.joint_states_came(wrong, 2.0)
+    with pytest.raises(HardwareError, match="1000 ms ago"):
+        system.read(2.0)
+    system.joint_states_came(joints(), 3.0)
+    assert system.read(3.0).angles == (0, 1, 2, 3)
+
+
 def test_a_dead_board_does_not_look_alive() -> None:
     system = RobotSystem(DRIVE, period_s=0.01)
     with pytest.raises(HardwareError, match="RobotSystem: no joint states received"):
@@ -130,6 +143,15 @@ def test_without_commands_it_stops_as_gently_as_it_starts() -> None:
     assert fastest == pytest.approx(1.0, abs=0.03)
     assert controller.speed == BodySpeed()
     assert not controller.command(BodySpeed(vx=math.nan), now)
+
+
+@pytest.mark.parametrize("steps", [10, 1000])
+def test_the_same_way_is_as_uncertain_however_often_it_is_looked_at(steps: int) -> None:
+    odometer = Odometer(DRIVE, slip=0.03)
+    for step in range(steps + 1):
+        odometer.update((40 * step / steps,) * 4, WheelSpeeds())
+    assert odometer.pose.x == pytest.approx(2.0)
+    assert odometer.way_variance_m2 == pytest.approx(2 * 0.03**2)
 
 
 def test_odometry_of_a_square() -> None:

@@ -90,6 +90,22 @@ def test_text_between_frames_is_the_log_of_the_board() -> None:
     assert reader.take_text() == []
 
 
+@pytest.mark.parametrize(
+    ("printed", "told"),
+    [
+        ("Temperatur 21.5 °C", "Temperatur 21.5 °C"),
+        ("电机过热 请检查", "电机过热 请检查"),
+        ('{"speed": {"left": 1}}', '{"speed": {"left": 1}}'),
+        ("\x1b[0;32mI (312) wifi: up\x1b[0m", "I (312) wifi: up"),
+        ("é", None),
+    ],
+)
+def test_text_in_any_language(printed: str, told: str | None) -> None:
+    reader = FrameReader()
+    reader.feed(printed.encode() + b"\r\n")
+    assert reader.take_text() == ([] if told is None else [told])
+
+
 def test_noise_is_no_text() -> None:
     reader = FrameReader()
     rng = random.Random(20261122)

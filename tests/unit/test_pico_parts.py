@@ -125,6 +125,17 @@ def test_boards_from_a_file(tmp_path: Path) -> None:
     [
         ("boards: 3", "needs a key 'boards'"),
         ("boards: []\nboard: 1", "no key 'board'"),
+        ("boards: []", "empty"),
+        ("boards: [{port: 5}]", r"boards\[0\]: port must be text, not 5"),
+        ("boards: [{prefix: a b}]", r"boards\[0\]: .* must not contain ' '"),
+        ("boards: [{baud: true}]", r"boards\[0\]: baud must be"),
+        ("boards: [{restamp: maybe}]", r"boards\[0\]: restamp must be true or false"),
+        ("boards: [{remap: {a: 1}}]", r"boards\[0\]: remap: 1 is no name"),
+        ("boards: [{remap: {a: b!}}]", r"boards\[0\]: remap: .* must not contain '!'"),
+        ("boards: [{port: /dev/a}, {port: /dev/a}]", "port /dev/a is named twice"),
+        ("boards: [{}, {prefix: b}]", "'the first Pico that is found' is named twice"),
+        ("boards: [{profiles: {a: {topic: b, type: Imu}}}]", "a.type must be like sensor_msgs/Imu"),
+        ("boards: [{profiles: {a: {topic: b!, type: a/B}}}]", "a.topic: .* must not contain"),
         ("boards: [{prot: x}]", r"boards\[0\].prot: there is no such key"),
         ("boards: [{baud: 0}]", r"boards\[0\]: baud must be"),
         ("boards: [{remap: 3}]", "remap must be a mapping"),
@@ -136,6 +147,13 @@ def test_a_wrong_file_is_told_with_its_key(tmp_path: Path, text: str, words: str
     path = tmp_path / "boards.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError, match=words):
+        load_boards(path)
+
+
+def test_a_file_that_is_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "boards.yaml"
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(ConfigError, match=r"boards\.yaml: .*utf-8"):
         load_boards(path)
 
 

@@ -11,11 +11,13 @@ import typer
 from simple_ros import aio
 from simple_ros.errors import SimpleRosError
 from simple_ros.ready import ready
+from simple_ros_firmware_bridge.node_words import Words, take_words
 
 __all__ = ["controller"]
 
 
 def controller(
+    words: Words = None,
     master: Annotated[
         str | None, typer.Option(metavar="HOST:PORT", help="Where the Master is.")
     ] = None,
@@ -24,6 +26,7 @@ def controller(
     logging.basicConfig(
         stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s"
     )
+    take_words(words)
     try:
         aio.run(_serve(master))
     except SimpleRosError as error:

@@ -106,13 +106,14 @@ class DriveController:
 class Odometer:
     """Where the robot is, from its wheels.
 
-    The variances grow with the way: a wheel slips by some share of it.
+    The variances grow with the way, however often it is looked at.
 
     Attributes:
         drive: Its measures.
         pose: Since it was switched on.
         speed: As the wheels turn.
-        slip: Standard deviation of slip, as a share of the way; of the turn likewise.
+        slip: Standard deviation of what slip makes of a way of 1 m, m; of a turn of 1 rad, rad. Of a speed, as
+            a share of it.
     """
 
     drive: Mecanum
@@ -135,8 +136,8 @@ class Odometer:
         turned = [new - old for new, old in zip(angles, before, strict=True)]
         way = self.drive.body(WheelSpeeds(*turned))
         self.pose = integrated(self.pose, way, 1.0)
-        self.way_variance_m2 += (self.slip * math.hypot(way.vx, way.vy)) ** 2
-        self.turn_variance_rad2 += (self.slip * way.wz) ** 2
+        self.way_variance_m2 += self.slip**2 * math.hypot(way.vx, way.vy)
+        self.turn_variance_rad2 += self.slip**2 * abs(way.wz)
 
     def restart(self) -> None:
         """The wheels may have turned unseen: go on from the next angles, the pose kept."""

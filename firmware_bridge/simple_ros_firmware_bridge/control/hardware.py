@@ -7,6 +7,7 @@ its wheels turning must not look alive.
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass, field
 
 from simple_ros.errors import SimpleRosError
@@ -107,9 +108,12 @@ class RobotSystem:
             if name not in WHEEL_JOINTS:
                 self._skip(name)
                 continue
-            if index < len(message.position) and index < len(message.velocity):
+            if index >= len(message.position) or index >= len(message.velocity):
+                continue
+            angle, speed = message.position[index], message.velocity[index]
+            if math.isfinite(angle) and math.isfinite(speed):  # one NaN would stay in the odometry
                 place = WHEEL_JOINTS.index(name)
-                angles[place], speeds[place] = message.position[index], message.velocity[index]
+                angles[place], speeds[place] = angle, speed
                 found += 1
         self._reading = JointReading(tuple(angles), WheelSpeeds(*speeds))
         if found == len(WHEEL_JOINTS):

@@ -13,7 +13,9 @@ __all__ = ["BoardClient", "Stage"]
 
 _SESSION = 0x81
 _RETRY_S = 1.0
+_FIRST_PINGS_S = 0.2
 _PUBLISH_LIMIT_S = 1.0
+_MOST_PINGS_LOST = 3
 _MTU = 508
 _PIECE = 500
 
@@ -252,14 +254,14 @@ class BoardClient:
 
     def _ping(self, now: float) -> None:
         self._pings_lost += 1
-        if self._pings_lost > 3:
+        if self._pings_lost > _MOST_PINGS_LOST:
             self.reset(now)
             return
         self._ping_at = now + _RETRY_S
         self._put(0x00, 0, b"\x02\x01\x08\x00\x00\x0a\xff\xfd\x02\x00\x00\x00")
 
     def _retry(self, now: float) -> None:
-        self._retry_at = now + _RETRY_S
+        self._retry_at = now + (_FIRST_PINGS_S if self.stage is Stage.PINGING else _RETRY_S)
         match self.stage:
             case Stage.PINGING:
                 ask = b"\x02\x01\x08\x00\x00\x0a\xff\xfd\x02\x00\x00\x00"

@@ -38,6 +38,8 @@ _SESSION_OBJECT = b"\xff\xfe"
 _AGENT_KIND = 0x0D
 _DEFAULT_MTU = 508
 _LEAST_MTU = 64
+_OUTSIDE = (0x00, 0x80)
+"""Session ids of messages that belong to no session."""
 
 WallClock = Callable[[], int]
 """Nanoseconds since 1970: what boards set their clocks by."""
@@ -108,7 +110,7 @@ class Agent:
         self.counters.messages += 1
         try:
             header = wire.parse_header(data)
-            if header.session in (0x00, 0x80):
+            if header.session in _OUTSIDE:
                 self._receive_outside(header, data)
             else:
                 self._receive_inside(header, data, now)
@@ -221,7 +223,9 @@ class Agent:
     def _info(self, header: Header, item: Submessage) -> None:
         """Whether we are here, and whether we know the board: it keeps its session if we do."""
         self.counters.pings += 1
-        has_session = int(self.session is not None)
+        session = self.session
+        is_outside = header.session in _OUTSIDE
+        has_session = int(session is not None and (is_outside or self._is_of(session, header)))
         kind = bytes((1, _AGENT_KIND))
         payload = item.payload[:4] + bytes((Status.OK, has_session)) + kind
         payload += _COOKIE + _VERSION + _VENDOR + b"\0" + kind + b"\0" + struct.pack("<hxxI", 1, 0)
@@ -266,6 +270,11 @@ class Agent:
         """
         if self.session is not None:
             self.session.line_damaged(remains, now)
+
+    def probe(self) -> None:
+        """Ask a silent board for a sign of life."""
+        if self.session is not None:
+            self.session.streams.probe()
 
     def give_up(self, reason: str) -> None:
         """The board is not coming back: everything of it is gone."""

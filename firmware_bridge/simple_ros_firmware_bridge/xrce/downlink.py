@@ -16,12 +16,14 @@ _HEADER = 4
 _KEYED_HEADER = 8
 _SUBHEADER = 4
 _IDS = 4
+_MAX_PAYLOAD = 0xFFFF
+"""A submessage says its length in 16 bits."""
 _MAX_WAITING = 256
 
 
 def reliable_limit(mtu: int) -> int:
     """Largest sample, in bytes of CDR, that a board can put together from its four buffers."""
-    return WINDOW * _slice_bytes(mtu) - _SUBHEADER - _IDS
+    return min(WINDOW * _slice_bytes(mtu) - _SUBHEADER, _MAX_PAYLOAD) - _IDS
 
 
 def best_effort_limit(mtu: int) -> int:

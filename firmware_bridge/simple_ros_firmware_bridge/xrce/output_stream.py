@@ -104,6 +104,13 @@ class ReliableOutput:
         self.counters.resent += 1
         return number, self._unacked[number]
 
+    def probe(self) -> bytes | None:
+        """A HEARTBEAT for the sake of its answer; None while one is due anyway."""
+        if self._next is None or self._unacked:
+            return None
+        self.counters.heartbeats += 1
+        return wire.heartbeat(self._next, after(self._next, -1), self.stream)
+
     def next_timeout(self) -> float | None:
         """When to call `handle_timeout`, None if nothing is under way."""
         if self._next is not None and not self._unacked:

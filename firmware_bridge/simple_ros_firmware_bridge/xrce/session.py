@@ -38,6 +38,8 @@ __all__ = ["Session", "UnknownReader", "UnknownWriter"]
 
 _UNLIMITED = 0xFFFF
 _GUID_BYTES = 16
+_CREATED_WITHIN_S = 10.0
+"""A board that begins anew creates everything within that time; what it does not is of a former program."""
 
 
 class UnknownReader(LookupError):
@@ -74,6 +76,9 @@ class Session:
         self.streams = SessionStreams(identity, is_resumed=is_resumed)
         self.malformed = 0
         self._is_resumed = is_resumed
+        self._former = set[ObjectId]() if is_resumed else set(objects.created)
+        self._former_until: float | None = None
+        self._has_created = False
         self._events: deque[Event] = deque()
         self._handlers: dict[int, Callable[[int, Submessage, float], None]] = {
             SubmessageId.CREATE: self._create,
@@ -94,12 +99,30 @@ class Session:
         Raises:
             UnknownWriter: It is not the board we take it for.
         """
+        if self._former:
+            self._judge_former(now)
         for body in self.streams.receive(header, data, now):
             self._handle(header.stream, body, now)
 
-    def _handle(self, stream: int, body: bytes, now: float) -> None:
+    def _judge_former(self, now: float) -> None:
+        """Forget what was there before the board began anew, if it creates what it needs and this not."""
+        if self._former_until is None:
+            self._former_until = now + _CREATED_WITHIN_S
+        if now < self._former_until:
+            return
+        former, self._former = self._former, set()
+        if self._has_created:
+            for object_id in former:
+                self._remove(object_id)
+
+    def _handle(
+        self, stream: int, body: bytes, now: float, *, is_put_together: bool = False
+    ) -> None:
         try:
             for item in wire.parse_submessages(body, 0):
+                if is_put_together and item.id == SubmessageId.FRAGMENT:
+                    self.malformed += 1  # fragments in fragments in fragments would have no end
+                    return
                 handler = self._handlers.get(item.id)
                 if handler is not None:
                     handler(stream, item, now)
@@ -116,10 +139,12 @@ class Session:
     def _fragment(self, stream: int, item: Submessage, now: float) -> None:
         whole = self.streams.fragment(stream, item)
         if whole is not None:
-            self._handle(stream, whole, now)
+            self._handle(stream, whole, now, is_put_together=True)
 
     def _create(self, stream: int, item: Submessage, now: float) -> None:
         wanted = parse_creation(item.payload, item.order)
+        self._former.discard(wanted.object_id)
+        self._has_created = True
         before = self.objects.endpoint(wanted.object_id)
         status, reason = self.objects.create(wanted)
         self._status(stream, item.payload[:4], status, now)
@@ -134,11 +159,15 @@ class Session:
 
     def _delete(self, stream: int, item: Submessage, now: float) -> None:
         object_id = ObjectId(item.payload[2:4])
+        self._former.discard(object_id)
+        self._status(stream, item.payload[:4], self._remove(object_id), now)
+
+    def _remove(self, object_id: ObjectId) -> Status:
         status = self.objects.delete(object_id)
-        self._status(stream, item.payload[:4], status, now)
         if status == Status.OK and object_id.kind >= Kind.DATAWRITER:
             self.streams.forget(object_id)
             self._events.append(EndpointGone(object_id))
+        return status
 
     def _status(self, stream: int, ids: bytes, status: Status, now: float) -> None:
         body = wire.submessage(SubmessageId.STATUS, ids + bytes((status, 0)))

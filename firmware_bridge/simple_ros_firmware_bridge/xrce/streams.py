@@ -9,7 +9,7 @@ from simple_ros_firmware_bridge.xrce.creation import Reader
 from simple_ros_firmware_bridge.xrce.downlink import Downlink
 from simple_ros_firmware_bridge.xrce.fragments import Reassembly
 from simple_ros_firmware_bridge.xrce.input_stream import ReliableInput
-from simple_ros_firmware_bridge.xrce.numbers import after, distance
+from simple_ros_firmware_bridge.xrce.numbers import after, distance, is_far_behind
 from simple_ros_firmware_bridge.xrce.objects import Identity
 from simple_ros_firmware_bridge.xrce.output_stream import ReliableOutput
 from simple_ros_firmware_bridge.xrce.wire import Header, MalformedMessage, Submessage
@@ -74,7 +74,7 @@ class SessionStreams:
 
     def _is_new(self, stream: int, sequence: int) -> bool:
         last = self._best_effort_in.get(stream)
-        if last is not None and distance(last, sequence) <= 0:
+        if last is not None and distance(last, sequence) <= 0 and not is_far_behind(last, sequence):
             self.old += 1
             return False
         if last is not None or len(self._best_effort_in) < _MAX_STREAMS:
@@ -198,6 +198,10 @@ class SessionStreams:
         """Messages for the board, each told once."""
         out, self._out = self._out, []
         return out
+
+    def probe(self) -> None:
+        """Ask the board for a sign of life: one that only subscribes has nothing to say by itself."""
+        self._send_if(self._downlink(wire.RELIABLE).output.probe())
 
     # -- streams and time ----------------------------------------------------------------------
 
