@@ -178,7 +178,8 @@ class QuadDemo:
         """Until it is time to show again."""
         if self._flying_since is None:
             try:
-                await asyncio.wait_for(self._topics.flowing.wait(), self._display.period_s)
+                async with asyncio.timeout(self._display.period_s):
+                    await self._topics.flowing.wait()
             except TimeoutError:
                 return
             self._flying_since = self._clock()

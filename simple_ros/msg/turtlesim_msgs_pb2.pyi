@@ -409,6 +409,8 @@ class AdaptationRequest(_message.Message):
     SPEED_FACTOR_FIELD_NUMBER: _builtins.int
     RATE_FACTOR_FIELD_NUMBER: _builtins.int
     REASON_FIELD_NUMBER: _builtins.int
+    REQUESTER_FIELD_NUMBER: _builtins.int
+    VALID_S_FIELD_NUMBER: _builtins.int
     group: _builtins.str
     """whom it is for; empty: everybody"""
     speed_factor: _builtins.float
@@ -416,6 +418,10 @@ class AdaptationRequest(_message.Message):
     rate_factor: _builtins.float
     """of its own loop rate; 0: as it is"""
     reason: _builtins.str
+    requester: _builtins.str
+    """who asks; of several requests the slowest counts"""
+    valid_s: _builtins.float
+    """counts for so long unless it is said again; 0: until the requester says otherwise"""
     @_builtins.property
     def header(self) -> _std_msgs_pb2.Header: ...
     @_builtins.property
@@ -431,10 +437,12 @@ class AdaptationRequest(_message.Message):
         speed_factor: _builtins.float = ...,
         rate_factor: _builtins.float = ...,
         reason: _builtins.str = ...,
+        requester: _builtins.str = ...,
+        valid_s: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["group", b"group", "header", b"header", "rate_factor", b"rate_factor", "reason", b"reason", "speed_factor", b"speed_factor", "topics", b"topics"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["group", b"group", "header", b"header", "rate_factor", b"rate_factor", "reason", b"reason", "requester", b"requester", "speed_factor", b"speed_factor", "topics", b"topics", "valid_s", b"valid_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

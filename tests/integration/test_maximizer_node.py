@@ -31,7 +31,7 @@ from simple_ros_engines.network_exposure.maximizer.policy_file import policy_fro
 from simple_ros_master import Master
 
 TOPICS = ("turtle1/pose", "turtle1/cmd_vel")
-QUICK = {"period_s": 0.05, "horizon": 8}
+QUICK = {"period_s": 0.05, "horizon": 8, "settle_s": 0.3}
 
 
 class System:
@@ -148,9 +148,9 @@ async def test_it_learns_on_live_topics_and_writes_what_it_learnt(
         async with at_work(engine, master, learn=True, policy=str(file), period_s=0.05, horizon=20):
             await until(lambda: any(one.delay_ms for one in around.throttles.values()), "a trial")
             assert not any(around.budgets_ms.values())
-            await until(lambda: engine.learners["turtle1"].kept >= 1, "something better", 40)
+            await until(lambda: engine.learners["turtle1"].kept >= 1, "something better", 60)
             written = engine.episodes
-            await until(lambda: engine.episodes > written and file.exists(), "the file", 20)
+            await until(lambda: engine.episodes > written and file.exists(), "the file")
         (learnt,) = policy_from_text(file.read_text()).values()
         assert set(learnt) == set(TOPICS)
 
@@ -163,12 +163,13 @@ async def test_depletion_lowers_the_request_then_slows_the_application(
             await until(lambda: around.budgets_ms == {TOPICS[0]: 100, TOPICS[1]: 75}, "the advice")
             around.asked.clear()
             around.said(QosNotification.DOWNGRADED)
-            await until(lambda: around.budgets_ms == {TOPICS[0]: 150, TOPICS[1]: 100}, "less")
-            assert not around.asked
+            # As many notches as another class takes: 200 ms is class 2, and 71 if it is reliable.
+            await until(lambda: around.budgets_ms == {TOPICS[0]: 200, TOPICS[1]: 200}, "less")
+            assert all(one.rate_factor == 1 for one in around.asked)
 
             def ask_again() -> bool:
                 around.said(QosNotification.DOWNGRADED)
-                return bool(around.asked)
+                return any(one.rate_factor < 1 for one in around.asked)
 
             await until(ask_again, "the adaptation")
             assert (around.asked[-1].group, around.asked[-1].speed_factor) == ("turtle1", 0.5)
@@ -184,7 +185,7 @@ async def test_a_refused_request_slows_the_application_too(master: Master, tmp_p
 
         def state_is(state: str) -> None:
             told = FlowQosArray()
-            told.flows.add(topic=TOPICS[0], state=state)
+            told.flows.add(topic=TOPICS[0], state=state, is_refused=state == "failed")
             states.publish(told)
 
         async with at_work(Maximizer(), master, policy=str(policy(tmp_path)), **QUICK):
@@ -193,11 +194,11 @@ async def test_a_refused_request_slows_the_application_too(master: Master, tmp_p
             state_is("failed")
             around.asked.clear()
             around.said(QosNotification.DOWNGRADED)
-            await until(lambda: around.budgets_ms[TOPICS[0]] == 150, "less")
+            await until(lambda: around.budgets_ms[TOPICS[0]] == 200, "less")
 
             def refused_again() -> bool:
                 state_is("failed")
-                return bool(around.asked)
+                return any(one.rate_factor < 1 for one in around.asked)
 
             await until(refused_again, "the adaptation")
             assert around.asked[-1].rate_factor == 0.5

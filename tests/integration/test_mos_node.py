@@ -16,8 +16,12 @@ from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin
 
 from simple_ros.aio import NodeHandle
-from simple_ros.msg.network_exposure_msgs import UniqueTopicFlows, UniqueTopicFlowStats
-from simple_ros.msg.turtlesim_msgs import Mos
+from simple_ros.msg.network_exposure_msgs import (
+    FlowQosArray,
+    UniqueTopicFlows,
+    UniqueTopicFlowStats,
+)
+from simple_ros.msg.turtlesim_msgs import AdaptationRequest, Mos
 from simple_ros.qos import LATCHED
 from simple_ros_engines.network_exposure.mos.node import MeanOpinionScoring
 from simple_ros_master import Master
@@ -93,6 +97,35 @@ async def test_a_persons_score_counts_before_a_programs(master: Master) -> None:
             await until(lambda: shown() == (2.0, "human"), "the person's")
             await answered(socket, op="withdraw", name="mine")
             await until(lambda: shown() == (4.9, "automatic"), "the program's again")
+
+
+async def test_it_shows_what_the_network_gives_and_asks(master: Master) -> None:
+    engine = MeanOpinionScoring()
+    async with user(master) as node, at_work(engine, master, page="0"):
+        await relayed(node)
+        states = await node.advertise("network_flow_state", FlowQosArray, qos=LATCHED)
+        asking = await node.advertise("application_adaptation_request", AdaptationRequest)
+        told = FlowQosArray()
+        told.flows.add(topic=TOPICS[0], state="degraded", qci=83, applied_qci=9)
+        told.flows.add(topic=TOPICS[1], state="active", qci=84)
+        states.publish(told)
+        await until(lambda: asking.subscriber_count)
+        request = AdaptationRequest(
+            group="turtle1", speed_factor=0.5, rate_factor=0.5, reason="why", requester="m"
+        )
+        asking.publish(request)
+        shown = {"group": "turtle1", "speed": 0.5, "rate": 0.5, "reason": "why"}
+        await until(lambda: engine.state()["asked"] == [shown])
+
+        def network() -> dict[str, str]:
+            return {one["name"]: one["network"] for one in engine.state()["topics"]}
+
+        await until(lambda: network() == {TOPICS[0]: "QCI 9 instead of 83", TOPICS[1]: "QCI 84"})
+        asking.publish(AdaptationRequest(speed_factor=1, rate_factor=1, requester="m"))
+        asking.publish(
+            AdaptationRequest(group="turtle1", speed_factor=1, rate_factor=1, requester="m")
+        )
+        await until(lambda: not engine.state()["asked"])
 
 
 async def test_stars_may_end_by_themselves(master: Master) -> None:

@@ -60,7 +60,7 @@ async def test_turtles_come_and_go(master: Master) -> None:
     engine = Turtlesim()
     async with user(master) as node, at_work(engine, master, **PLAIN):
         spawn = node.service_client("spawn", Spawn)
-        await spawn.wait_for_service(5)
+        await spawn.wait_for_service(30)
         assert (await spawn.call(SpawnRequest(x=1, y=2, theta=0.5))).name == "turtle2"
         assert (await spawn.call(SpawnRequest(x=1, y=2, name="bob"))).name == "bob"
         refused = await spawn.call(SpawnRequest(x=1, y=2, name="bob"))
@@ -105,13 +105,13 @@ async def test_the_loop_closes_over_topics_and_does_what_it_is_asked(master: Mas
         await node.subscribe("/MOS", Mos, scores.append)
         asking = await node.advertise("/application_adaptation_request", AdaptationRequest)
         jump = node.service_client("turtle1/teleport_absolute", TeleportAbsolute)
-        await jump.wait_for_service(5)
+        await jump.wait_for_service(30)
         await jump.call(TeleportAbsoluteRequest(x=6.544, y=5.544, theta=math.pi / 2))
-        await until(lambda: statuses and statuses[-1].progress > 0.7, "progress", 20)
+        await until(lambda: statuses and statuses[-1].progress > 0.7, "progress", 60)
         await until(lambda: scores, "a score of its own")
         assert scores[-1].identifier == Mos.AUTOMATIC
         assert list(scores[-1].topics) == ["turtle1/pose", "turtle1/cmd_vel"]
-        await asking.wait_for_subscribers(1, timeout=5)
+        await asking.wait_for_subscribers(1, timeout=30)
         asking.publish(AdaptationRequest(group="turtle2", speed_factor=0.1))
         asking.publish(
             AdaptationRequest(topics=["/turtle1/pose"], speed_factor=0.5, rate_factor=0.25)
@@ -150,7 +150,7 @@ async def test_turtles_and_lines_are_seen_in_a_browser(master: Master, tmp_path:
         await until(lambda: engine.url and len(engine.world.turtles) == 2)
         jump = node.service_client("turtle1/teleport_absolute", TeleportAbsolute)
         pen = node.service_client("turtle1/set_pen", SetPen)
-        await pen.wait_for_service(5)
+        await pen.wait_for_service(30)
         await pen.call(SetPenRequest(r=255, width=10))
         await jump.call(TeleportAbsoluteRequest(x=2.0, y=5.544))
         async with opened(engine.url, tmp_path) as page:

@@ -297,17 +297,21 @@ def test_policies_survive_a_file_and_serve_other_turtles() -> None:
     assert list(other.values()) == [Setting(4, 2, 2), Setting(1, 0, 3), START]
 
 
+BY_HAND = policy_text({"t": {"a": START}}).replace('"version": 2', '"version": 1')
+"""Version 1 has no checksum."""
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
         ("{", "must be JSON"),
         ("[]", "format"),
         ("{}", "format"),
-        ('{"format": "simple_ros maximizer policy", "version": 2}', "version 2"),
+        ('{"format": "simple_ros maximizer policy", "version": 3}', "version 3"),
         ('{"format": "simple_ros maximizer policy", "version": 1}', "missing"),
-        (policy_text({"t": {"a": START}}).replace('"drop": 0', '"drop": 99'), "0 to 8"),
-        (policy_text({"t": {"a": START}}).replace('"drop": 0', '"drop": "x"'), "whole numbers"),
-        (policy_text({"t": {"a": START}}).replace('"drop"', '"drip"'), "missing"),
+        (BY_HAND.replace('"drop": 0', '"drop": 99'), "0 to 8"),
+        (BY_HAND.replace('"drop": 0', '"drop": "x"'), "whole numbers"),
+        (BY_HAND.replace('"drop"', '"drip"'), "missing"),
     ],
 )
 def test_what_is_no_policy_is_told(text: str, why: str) -> None:

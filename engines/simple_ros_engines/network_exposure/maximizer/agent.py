@@ -182,7 +182,7 @@ class LoopLearner:
 
     def _is_banned(self, settings: Settings) -> bool:
         return any(
-            all(_is_as_bad(settings[topic], bad) for topic, bad in banned.items())
+            all(settings[topic].is_as_bad_as(bad) for topic, bad in banned.items())
             for banned in self._banned
         )
 
@@ -259,11 +259,3 @@ def _turned(setting: Setting, knob: int, step: int) -> Setting:
     for _ in range(abs(step)):
         setting = setting.moved([one if index == knob else 0 for index in range(len(KNOBS))])
     return setting
-
-
-def _is_as_bad(here: Setting, bad: Setting) -> bool:
-    """Whether a topic stands no better than where it did harm."""
-    if bad.speed < START.speed:
-        # Who was too slow says nothing about who is not.
-        return here == bad
-    return all(one >= other for one, other in zip(here.notches, bad.notches, strict=True))

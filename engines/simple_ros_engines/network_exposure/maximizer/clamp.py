@@ -41,6 +41,11 @@ class SafetyClamp:
         self._waited: dict[str, int] = {}
         self._safe: dict[str, Settings] = {}
 
+    def forget(self) -> None:
+        """The processes were begun anew."""
+        self._waited.clear()
+        self._safe.clear()
+
     def guard(
         self, seen: Mapping[str, Seen], now: Mapping[str, Setting], wanted: Mapping[str, Setting]
     ) -> tuple[Settings, tuple[str, ...]]:

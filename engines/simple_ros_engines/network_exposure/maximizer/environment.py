@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from simple_ros_engines.network_exposure.maximizer.knobs import (
     STAY,
     Setting,
 )
-from simple_ros_engines.network_exposure.maximizer.plant import Plant, Seen
+from simple_ros_engines.network_exposure.maximizer.plant import Plant, Repeatable, Seen
 from simple_ros_engines.network_exposure.maximizer.resource import (
     TopicTraffic,
     request_of,
@@ -122,6 +122,8 @@ class TopicEnvironment:
         weights: Of the reward.
         clamp: Takes back what harms; None lets everything happen.
         horizon: Decisions in an episode.
+        begin: Gives where knobs are put when an episode begins; None leaves them where they are. Who trains a policy that is
+            to find its way from the start must see the start, and more than once.
 
     Attributes:
         settings: Of the knobs, by topic.
@@ -133,12 +135,14 @@ class TopicEnvironment:
         weights: Weights | None = None,
         clamp: SafetyClamp | None = None,
         horizon: int = HORIZON,
+        begin: Callable[[], Mapping[str, Setting]] | None = None,
     ) -> None:
         self.plant = plant
         self.weights = weights or Weights()
         self.settings: dict[str, Setting] = dict.fromkeys(self.agents, START)
         self._clamp = clamp
         self._horizon = horizon
+        self._begin = begin
         self._steps = 0
         self._seen: dict[str, Seen] = {}
 
@@ -147,15 +151,32 @@ class TopicEnvironment:
         """The topics."""
         return [topic for topics in self.plant.groups.values() for topic in topics]
 
+    @property
+    def observations(self) -> dict[str, NDArray[np.float32]]:
+        """What the agents see now, by topic."""
+        return {topic: self._observation(topic) for topic in self.settings}
+
     def reset(
-        self, settings: Mapping[str, Setting] | None = None
+        self, settings: Mapping[str, Setting] | None = None, seed: int | None = None
     ) -> dict[str, NDArray[np.float32]]:
-        """Begin an episode; the process goes on, with its knobs where they are or where they are put."""
+        """Begin an episode; the process goes on, with its knobs where they are or where they are put.
+
+        Args:
+            settings: Where the knobs are put.
+            seed: Begins a simulated process anew, with nothing made worse. Live topics go on all the same.
+        """
         self._steps = 0
+        if seed is not None and isinstance(self.plant, Repeatable):
+            self.plant.restart(seed)
+            self.settings = dict.fromkeys(self.agents, START)
+            if self._clamp is not None:
+                self._clamp.forget()
+        if settings is None and self._begin is not None:
+            settings = self._begin()
         if settings is not None:
             self.settings = {topic: settings.get(topic, START) for topic in self.agents}
         self._seen = self.plant.advance(self.settings)
-        return self._observations()
+        return self.observations
 
     def step(self, actions: Mapping[str, Sequence[int]]) -> Step:
         """Everybody turns a knob, a decision period passes.
@@ -176,7 +197,7 @@ class TopicEnvironment:
         self._steps += 1
         rewards = {topic: self._reward(topic, before[topic]) for topic in wanted}
         is_over = self._steps >= self._horizon
-        return Step(self._observations(), rewards, is_over, dict(self._seen), reverted)
+        return Step(self.observations, rewards, is_over, dict(self._seen), reverted)
 
     def _reward(self, topic: str, before: Setting) -> float:
         here = self.settings[topic]
@@ -185,9 +206,6 @@ class TopicEnvironment:
         )
         share = saved(self.plant.traffic(topic), here)
         return self.weights.reward(self._seen[topic], share, notches)
-
-    def _observations(self) -> dict[str, NDArray[np.float32]]:
-        return {topic: self._observation(topic) for topic in self.settings}
 
     def _observation(self, topic: str) -> NDArray[np.float32]:
         seen, setting = self._seen[topic], self.settings[topic]

@@ -94,6 +94,13 @@ class Setting:
         ]
         return steps[0], steps[1], steps[2]
 
+    def is_as_bad_as(self, harmful: Setting) -> bool:
+        """Whether a topic stands no better than where it did harm."""
+        if harmful.speed < START.speed:
+            # Who was too slow says nothing about who is not.
+            return self == harmful
+        return all(one >= bad for one, bad in zip(self.notches, harmful.notches, strict=True))
+
 
 START = Setting()
 """Nothing is made worse, and the process has its own speed."""

@@ -8,33 +8,32 @@ from dataclasses import replace
 
 from simple_ros.errors import SimpleRosError
 from simple_ros.msg.network_exposure_msgs import (
-    FlowQosArray,
     QosAdvice,
-    QosNotification,
     Throttle,
     UniqueTopicFlows,
     UniqueTopicFlowStat,
     UniqueTopicFlowStats,
 )
-from simple_ros.msg.turtlesim_msgs import AdaptationRequest, Mos
+from simple_ros.msg.turtlesim_msgs import Mos
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher
 from simple_ros.qos import LATCHED, QosProfile
-from simple_ros_engines.network_exposure.maximizer.depletion import Depletion, Measure
+from simple_ros_engines.network_exposure.maximizer.depletion import lowered
 from simple_ros_engines.network_exposure.maximizer.knobs import START, Setting
 from simple_ros_engines.network_exposure.maximizer.plant import Plant, Seen
 from simple_ros_engines.network_exposure.maximizer.resource import TopicTraffic
+from simple_ros_engines.network_exposure.maximizer.shortage import Patience, Shortage
+from simple_ros_engines.network_exposure.maximizer.source_rate import SourceRate
 from simple_ros_engines.network_exposure.mos.estimator import WORST
 from simple_ros_engines.network_exposure.mos.judgements import Judge, Judgements
 from simple_ros_engines.network_exposure.mos.node import MOS_TOPIC, judge_of
 
 __all__ = ["LivePlant", "LiveTopics", "NotLive"]
 
-ADAPTATION_TOPIC = "/application_adaptation_request"
-_SLOWED = 0.5
-_REFUSED = ("failed", "degraded")
-_GIVEN = "active"
+_PAUSE_S = 15.0
 _RELIABLE, _BEST_EFFORT = 1e-5, 1e-2
+_SAME = 0.05
+"""A rate that differs by less is the same: a budget that trembles about that of a class would ask for two in turn."""
 
 
 class NotLive(SimpleRosError, RuntimeError):
@@ -48,9 +47,10 @@ class LiveTopics:
         node: Subscribes and advertises.
         probes: Whether a delay is tried on the topic itself, by the throttle; else it is the budget that is
             asked of the network.
+        patience: When the network is short.
     """
 
-    def __init__(self, node: NodeHandle, *, probes: bool) -> None:
+    def __init__(self, node: NodeHandle, *, probes: bool, patience: Patience | None = None) -> None:
         self.probes = probes
         self.ended = asyncio.Event()
         self._node = node
@@ -59,10 +59,12 @@ class LiveTopics:
         self._human: dict[str, tuple[str, ...]] = {}
         self._stats: dict[str, UniqueTopicFlowStat] = {}
         self._full: dict[str, TopicTraffic] = {}
+        self._rates: dict[str, SourceRate] = {}
         self._errors: dict[str, float] = {}
-        self._depletion: dict[str, Depletion] = {}
+        self._shortage = Shortage(node, lambda: self.groups, self._tell, patience)
+        self._period_s = 0.0
         self._now: dict[str, Setting] = {}
-        self._told: dict[str, Setting] = {}
+        self._lowered: dict[str, Setting] = {}
 
     async def open(self) -> None:
         """Subscribe and advertise."""
@@ -71,14 +73,10 @@ class LiveTopics:
         self._advice: Publisher[QosAdvice] = await node.advertise(
             "/qos_advice", QosAdvice, qos=deep
         )
-        self._requests: Publisher[AdaptationRequest] = await node.advertise(
-            ADAPTATION_TOPIC, AdaptationRequest, qos=QosProfile(depth=10)
-        )
         await node.subscribe("/unique_network_flow", UniqueTopicFlows, self._flows, qos=LATCHED)
         await node.subscribe("/unique_network_flow_stats", UniqueTopicFlowStats, self._came)
         await node.subscribe(MOS_TOPIC, Mos, self._score)
-        await node.subscribe("/network_flow_state", FlowQosArray, self._states, qos=LATCHED)
-        await node.subscribe("/qos_notifications", QosNotification, self._notified)
+        await self._shortage.open()
 
     @property
     def groups(self) -> dict[str, tuple[str, ...]]:
@@ -108,12 +106,12 @@ class LiveTopics:
             NotLive: The node has ended.
         """
         self._now = dict(settings)
-        now_s = asyncio.get_running_loop().time()
-        for group, depletion in self._depletion.items():
-            self._measure(group, depletion.tick(now_s), "the network serves what is asked for")
+        self._period_s = period_s
+        self._shortage.tick(asyncio.get_running_loop().time())
         self._tell()
         try:
-            await asyncio.wait_for(self.ended.wait(), period_s)
+            async with asyncio.timeout(period_s):
+                await self.ended.wait()
         except TimeoutError:
             return {topic: self._look(topic, settings[topic]) for topic in settings}
         raise NotLive("the maximizer's node has ended")
@@ -121,10 +119,7 @@ class LiveTopics:
     def release(self) -> None:
         """Put everything back: no throttle, no advice, own speed."""
         self._now = dict.fromkeys(self._now, START)
-        for group, depletion in self._depletion.items():
-            if depletion.level == 2:
-                self._ask(group, 1.0, 1.0, "the maximizer ends")
-            depletion.level = 0
+        self._shortage.release()
         self._tell()
 
     # -- what it is told ---------------------------------------------------------------------------
@@ -134,14 +129,25 @@ class LiveTopics:
             self._errors[flow.topic.lstrip("/")] = _RELIABLE if flow.is_reliable else _BEST_EFFORT
 
     def _came(self, message: UniqueTopicFlowStats) -> None:
+        # When it was counted, not when it came.
+        stamp_s = message.header.stamp.ToNanoseconds() / 1e9
         for stat in message.stats:
             topic = stat.topic.lstrip("/")
             self._stats[topic] = stat
-            is_whole = not (stat.drop_every_nth or stat.delay_ms or stat.message_delay)
-            if stat.window_rate > 0 and (is_whole or topic not in self._full):
+            rate_hz = self._rates.setdefault(topic, SourceRate()).counted(
+                stat.num_messages + stat.throttled + stat.delayed, stamp_s
+            )
+            if not (stat.drop_every_nth or stat.delay_ms or stat.message_delay):
+                rate_hz = stat.window_rate
+            elif topic not in self._full:
+                rate_hz = rate_hz or stat.window_rate
+            known = self._full.get(topic)
+            if known is not None and abs(rate_hz - known.rate_hz) <= _SAME * known.rate_hz:
+                rate_hz = known.rate_hz
+            if rate_hz > 0 and stat.window_rate > 0:
                 size = stat.window_bandwidth / stat.window_rate
                 errors = self._errors.get(topic, _RELIABLE)
-                self._full[topic] = TopicTraffic(stat.window_rate, size, errors)
+                self._full[topic] = TopicTraffic(rate_hz, size, errors)
 
     def _score(self, message: Mos) -> None:
         judge = judge_of(message)
@@ -157,68 +163,31 @@ class LiveTopics:
         else:
             known.pop(message.group, None)
 
-    def _notified(self, message: QosNotification) -> None:
-        topic, now_s = message.topic.lstrip("/"), asyncio.get_running_loop().time()
-        group = self._group_of(topic)
-        if not group:
-            return
-        depletion = self._depletion.setdefault(group, Depletion())
-        if message.event in (QosNotification.DOWNGRADED, QosNotification.TERMINATED):
-            self._measure(group, depletion.downgraded(topic, now_s), message.detail)
-        elif message.event == QosNotification.RECOVERED:
-            self._measure(group, depletion.recovered(topic, now_s), message.detail)
-        elif message.event == QosNotification.GRANTED:
-            self._measure(group, depletion.granted(topic, now_s), message.detail)
-
-    def _states(self, message: FlowQosArray) -> None:
-        """That a request is refused is no notification: only its state says so."""
-        now_s = asyncio.get_running_loop().time()
-        for flow in message.flows:
-            topic = flow.topic.lstrip("/")
-            group = self._group_of(topic)
-            depletion = self._depletion.get(group)
-            if depletion is None or not depletion.level:
-                continue
-            if flow.state in _REFUSED:
-                self._measure(group, depletion.downgraded(topic, now_s), flow.detail)
-            elif flow.state == _GIVEN:
-                self._measure(group, depletion.granted(topic, now_s), flow.detail)
-
-    def _group_of(self, topic: str) -> str:
-        """Name of the process of a topic; empty if nobody judges it."""
-        return next((name for name, topics in self.groups.items() if topic in topics), "")
-
-    def _measure(self, group: str, measure: Measure | None, why: str) -> None:
-        if measure is None:
-            return
-        self._tell()
-        if measure in (Measure.ADAPT, Measure.RESTORE):
-            factor = _SLOWED if measure is Measure.ADAPT else 1.0
-            self._ask(group, factor, factor, why or measure.value)
-
     # -- what it says ------------------------------------------------------------------------------
 
     def _tell(self) -> None:
-        groups = self.groups
-        for group, topics in groups.items():
-            level = self._depletion.setdefault(group, Depletion()).level
+        for group, topics in self.groups.items():
+            level = self._shortage.level(group)
             for topic in topics:
                 self._tell_topic(topic, self._in_force(topic, level))
-            last = topics[-1]
-            before = self._told.get(group, START).speed
-            wanted = self._now.get(last, START)
-            if wanted.speed != before and level < 2:
-                self._ask(group, wanted.speed_factor, 0.0, "the maximizer's policy")
-            self._told[group] = wanted
+            wanted = self._now.get(topics[-1], START)
+            self._shortage.ask(group, wanted.speed_factor, self._period_s)
 
     def _in_force(self, topic: str, level: int) -> Setting:
-        """The setting, with a longer delay while the network is short."""
+        """The setting, with a longer delay while the network is short: as long as was found when that began."""
         setting = self._now.get(topic, START)
-        return setting.moved((1, 0, 0)) if level else setting
+        if not level:
+            self._lowered.pop(topic, None)
+            return setting
+        if topic not in self._lowered:
+            self._lowered[topic] = lowered(self._full[topic], setting)
+        return self._lowered[topic]
 
     def _tell_topic(self, topic: str, setting: Setting) -> None:
         budget_ms = setting.delay_ms(self._full[topic].rate_hz)
-        throttle = Throttle(topic=topic, drop_every_nth=setting.drop_every_nth)
+        # It is said again each period; who trains may think for a while between two.
+        valid_s = _PAUSE_S + 3 * self._period_s
+        throttle = Throttle(topic=topic, drop_every_nth=setting.drop_every_nth, valid_s=valid_s)
         advice = QosAdvice(topic=topic, clear=True)
         if self.probes:
             throttle.delay_ms = budget_ms
@@ -227,16 +196,10 @@ class LiveTopics:
         self._throttles.publish(throttle)
         self._advice.publish(advice)
 
-    def _ask(self, group: str, speed: float, rate: float, why: str) -> None:
-        request = AdaptationRequest(group=group, speed_factor=speed, rate_factor=rate, reason=why)
-        request.topics.extend((self._human | self._automatic).get(group, ()))
-        request.header.stamp.GetCurrentTime()
-        self._requests.publish(request)
-
     def _look(self, topic: str, setting: Setting) -> Seen:
         stat = self._stats.get(topic, UniqueTopicFlowStat())
         judged = self._judgements.of(topic, asyncio.get_running_loop().time())
-        group = self._group_of(topic)
+        group = next((name for name, topics in self.groups.items() if topic in topics), "")
         seen = Seen(
             stat.window_rate,
             stat.window_bandwidth,
@@ -245,7 +208,7 @@ class LiveTopics:
             WORST if judged is None else judged.score,
             setting,
         )
-        return replace(seen, is_downgraded=self._depletion.get(group, Depletion()).level > 0)
+        return replace(seen, is_downgraded=self._shortage.level(group) > 0)
 
 
 class LivePlant(Plant):

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 from pathlib import Path
 from statistics import fmean
 from typing import ClassVar
 
 from simple_ros.engine import Engine
+from simple_ros.errors import ConfigError
 from simple_ros.node import NodeHandle
 from simple_ros_engines.network_exposure.maximizer.agent import LoopLearner
 from simple_ros_engines.network_exposure.maximizer.clamp import SafetyClamp
 from simple_ros_engines.network_exposure.maximizer.environment import TopicEnvironment
+from simple_ros_engines.network_exposure.maximizer.follower import NetworkFollower
 from simple_ros_engines.network_exposure.maximizer.knobs import Setting
 from simple_ros_engines.network_exposure.maximizer.live import LivePlant, LiveTopics, NotLive
+from simple_ros_engines.network_exposure.maximizer.network import NetworkPolicy
 from simple_ros_engines.network_exposure.maximizer.policy_file import (
-    policy_from_text,
     policy_text,
+    read_policy,
     settings_for,
 )
-from simple_ros_engines.network_exposure.maximizer.training import train
+from simple_ros_engines.network_exposure.maximizer.shortage import Patience
+from simple_ros_engines.network_exposure.maximizer.training import run_episode, train
 
 __all__ = ["Maximizer"]
 
@@ -34,8 +39,9 @@ class Maximizer(Engine):
 
     It waits until relays tell of topics and ``/MOS`` of processes. Parameters of its node: ``learn`` (try things on
     the live process; otherwise go to what the policy says), ``policy`` (file; read at the start if it is there, written
-    after each episode of learning), ``period_s`` (a decision stands so long), ``horizon`` (decisions in an episode),
-    ``least_score`` (below it settings are taken back).
+    after each episode of learning; one with networks lets them try for an episode, then goes to where they stayed), ``period_s`` (a decision stands so long), ``horizon`` (decisions in an episode),
+    ``least_score`` (below it settings are taken back), ``settle_s`` (after a measure against a shortage of the network
+    so long before the next), ``patience_s`` (before more is asked for again).
 
     Attributes:
         learners: By process.
@@ -51,12 +57,13 @@ class Maximizer(Engine):
         self._learns = False
         self._file: Path | None = None
         self._policy: dict[str, dict[str, Setting]] = {}
+        self._networks: NetworkPolicy | None = None
 
     async def run(self, node: NodeHandle) -> None:
         """Work until cancelled or the node ends.
 
         Raises:
-            ConfigError: The policy's file is none.
+            ConfigError: The policy's file is none, or has networks while ``learn`` is set.
         """
         get = node.declare_parameter
         self._learns = bool(await get("~learn", False, read_only=True))
@@ -66,8 +73,12 @@ class Maximizer(Engine):
         least = float(await get("~least_score", 4.0, minimum=1, maximum=5, read_only=True))
         self._file = Path(policy) if policy else None
         if self._file is not None and (self._file.exists() or not self._learns):
-            self._policy = policy_from_text(await asyncio.to_thread(self._file.read_text))
-        topics = LiveTopics(node, probes=self._learns)
+            self._take(self._file, await asyncio.to_thread(self._file.read_text))
+        patience = Patience(
+            float(await get("~settle_s", 8.0, minimum=0, maximum=600, read_only=True)),
+            float(await get("~patience_s", 15.0, minimum=0.5, maximum=3600, read_only=True)),
+        )
+        topics = LiveTopics(node, probes=self._learns, patience=patience)
         await topics.open()
         working = asyncio.create_task(self._work(topics, period_s, horizon, least))
         spinning = asyncio.create_task(node.spin())
@@ -98,6 +109,8 @@ class Maximizer(Engine):
                     self.learners[group] = self._learner(members)
             logger.info("looking after %s", ", ".join(plant.groups))
             try:
+                if self._networks is not None:
+                    await self._settle(environment, topics, self._networks)
                 await self._episodes(environment, topics)
             except NotLive:
                 return
@@ -117,10 +130,48 @@ class Maximizer(Engine):
             )
             if self._learns and self._file is not None:
                 text = policy_text({group: one.best for group, one in learners.items()})
-                await asyncio.to_thread(self._file.write_text, text)
+                await asyncio.to_thread(_write, self._file, text)
+
+    async def _settle(
+        self, environment: TopicEnvironment, topics: LiveTopics, networks: NetworkPolicy
+    ) -> None:
+        """Let networks find settings for an episode; they were trained on topics that are really delayed."""
+        follower = NetworkFollower(environment, networks)
+        topics.probes = True
+        try:
+            await asyncio.to_thread(run_episode, environment, follower.choose, follower.told)
+        finally:
+            topics.probes = False
+        for group, settings in follower.settled.items():
+            self.learners[group].best = settings
+        logger.info("the policy's networks have settled")
+
+    def _take(self, file: Path, text: str) -> None:
+        try:
+            policy = read_policy(text)
+        except ConfigError as error:
+            raise ConfigError(f"{file}: {error}") from None
+        if isinstance(policy, NetworkPolicy):
+            if self._learns:
+                raise ConfigError(
+                    f"{file}: networks are trained by what made them; learn goes on from settings only"
+                )
+            self._networks = policy
+        else:
+            self._policy = policy.processes
 
     def _learner(self, members: tuple[str, ...]) -> LoopLearner:
         learner = LoopLearner(members, learns=self._learns)
         if self._policy:
             learner.best = settings_for(self._policy, members)
         return learner
+
+
+def _write(file: Path, text: str) -> None:
+    """So that whoever is killed meanwhile leaves the whole old file or the whole new one."""
+    beside = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        beside.write_text(text)
+        beside.replace(file)
+    finally:
+        beside.unlink(missing_ok=True)

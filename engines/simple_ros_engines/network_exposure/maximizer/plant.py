@@ -6,11 +6,12 @@ message takes a random time (never overtaking another) or is lost.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,14 +20,15 @@ from simple_ros_engines.network_exposure.maximizer.resource import TopicTraffic
 from simple_ros_engines.network_exposure.mos.estimator import Estimator
 from simple_ros_engines.network_exposure.throttle import Throttle, ThrottleSettings
 from simple_ros_engines.network_exposure.turtlesim.circle import Circle, CircleController
-from simple_ros_engines.network_exposure.turtlesim.world import Slip, World
+from simple_ros_engines.network_exposure.turtlesim.world import Pen, Slip, World
 
-__all__ = ["LoopSetup", "Plant", "Seen", "SimulatedTurtles"]
+__all__ = ["LoopSetup", "Plant", "Repeatable", "Seen", "SimulatedTurtles"]
 
 TICK_S = 0.016
 SLIP_TAU_S = 0.3
 _POSE_BYTES, _COMMAND_BYTES = 33.0, 40.0
 _COLUMN = 4096
+_CENTRE_M = 5.544
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,14 @@ class Plant(Protocol):
 
     def advance(self, settings: Mapping[str, Setting]) -> dict[str, Seen]:
         """Set the knobs, let a decision period pass, and look."""
+
+
+@runtime_checkable
+class Repeatable(Protocol):
+    """A plant that can be begun anew, and does the same then."""
+
+    def restart(self, seed: int) -> None:
+        """Begin anew with the chance of this seed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,16 +116,18 @@ class _Way:
         self.throttle: Throttle[tuple[float, ...]] = Throttle()
         self.sent: list[float] = []
         self._draw = draw
-        self._setup = setup
+        self._loss = setup.loss
+        self._mean_s = setup.delay_ms / 1000
         self._underway: deque[tuple[float, tuple[float, ...]]] = deque()
-        self._numbers: list[float] = []
+        self._numbers: list[tuple[float, float]] = []
 
     def put(self, message: tuple[float, ...], now_s: float) -> None:
         self._send(self.throttle.put(message, now_s), now_s)
 
     def arrived(self, now_s: float) -> tuple[float, ...] | None:
         """The newest message that has come by now, if any has."""
-        self._send(self.throttle.due(now_s), now_s)
+        if self.throttle.held:
+            self._send(self.throttle.due(now_s), now_s)
         newest = None
         while self._underway and self._underway[0][0] <= now_s:
             newest = self._underway.popleft()[1]
@@ -124,17 +136,20 @@ class _Way:
     def _send(self, messages: list[tuple[float, ...]], now_s: float) -> None:
         for message in messages:
             self.sent.append(now_s)
-            if self._random() < self._setup.loss:
+            if not self._numbers:
+                self._draw_numbers()
+            luck, due = self._numbers.pop()
+            if luck < self._loss:
                 continue
-            due = now_s + -np.log(max(1e-12, self._random())) * self._setup.delay_ms / 1000
-            if self._underway:
-                due = max(due, self._underway[-1][0])
-            self._underway.append((float(due), message))
+            due += now_s
+            if self._underway and due < self._underway[-1][0]:
+                due = self._underway[-1][0]
+            self._underway.append((due, message))
 
-    def _random(self) -> float:
-        if not self._numbers:
-            self._numbers = self._draw.random(_COLUMN).tolist()
-        return self._numbers.pop()
+    def _draw_numbers(self) -> None:
+        """Whether messages are lost and how long they take, many at once since that is much faster."""
+        luck, late = self._draw.random(_COLUMN), self._draw.exponential(self._mean_s, _COLUMN)
+        self._numbers = list(zip(luck.tolist(), late.tolist(), strict=True))
 
 
 class _Loop:
@@ -147,11 +162,19 @@ class _Loop:
         self.pose, self.command = f"{name}/pose", f"{name}/cmd_vel"
         self.ways = {topic: _Way(draw, setup) for topic in (self.pose, self.command)}
         self._world = World(Slip(setup.slip, SLIP_TAU_S, draw.standard_normal))
-        self._turtle = self._world.spawn(5.544 + setup.radius_m, 5.544, np.pi / 2, name)
+        self._turtle = self._world.spawn(_CENTRE_M + setup.radius_m, _CENTRE_M, math.pi / 2, name)
+        self._world.set_pen(name, Pen(is_off=True))
         self._controller = CircleController(
-            Circle(5.544, 5.544, setup.radius_m), setup.speed_mps, window_s=period_s
+            Circle(_CENTRE_M, _CENTRE_M, setup.radius_m), setup.speed_mps, window_s=period_s
         )
         self._next_s = 0.0
+        self._angle = 0.0
+        self._turned = 0.0
+
+    @property
+    def travelled_m(self) -> float:
+        """Way along the circle that it has really come, whatever its controller knows of it."""
+        return self._turned * self.setup.radius_m
 
     def set(self, settings: Mapping[str, Setting]) -> None:
         for topic, way in self.ways.items():
@@ -177,6 +200,9 @@ class _Loop:
         if command is not None:
             self._world.command(self.name, command[0], 0.0, command[1], now_s)
         self._world.step(TICK_S, now_s + TICK_S)
+        angle = math.atan2(turtle.y - _CENTRE_M, turtle.x - _CENTRE_M)
+        self._turned += math.remainder(angle - self._angle, math.tau)
+        self._angle = angle
 
     def seen(
         self, now_s: float, settings: Mapping[str, Setting], judge: Estimator
@@ -200,7 +226,10 @@ class _Loop:
 
 
 class SimulatedTurtles:
-    """Turtles that drive in simulated time; implements `Plant`.
+    """Turtles that drive in simulated time; implements `Plant` and `Repeatable`.
+
+    What a controller knows of its progress ends with the last pose that came, so it is a little less when poses are left
+    out; `speeds_mps` is what an onlooker would measure.
 
     Args:
         setups: One for each turtle.
@@ -216,15 +245,33 @@ class SimulatedTurtles:
         period_s: float = 4.0,
         estimator: Estimator | None = None,
     ) -> None:
-        draw = np.random.default_rng(seed)
-        self._loops = [
-            _Loop(f"turtle{number}", setup, draw, period_s)
-            for number, setup in enumerate(setups, 1)
-        ]
+        self._setups = setups
+        self._period_s = period_s
         self._ticks = max(1, round(period_s / TICK_S))
         self._judge = estimator or Estimator()
+        self.restart(seed)
+
+    @classmethod
+    def drawn(cls, seed: int, turtles: int = 2) -> SimulatedTurtles:
+        """Turtles with radius, speed, rate, network and slip of their own, drawn by a seed."""
+        draw = np.random.default_rng(seed)
+        return cls(tuple(LoopSetup.drawn(draw) for _ in range(turtles)), seed)
+
+    def restart(self, seed: int) -> None:
+        """The same turtles from the beginning, with other chance."""
+        draw = np.random.default_rng(seed)
+        self._loops = [
+            _Loop(f"turtle{number}", setup, draw, self._period_s)
+            for number, setup in enumerate(self._setups, 1)
+        ]
         self._now = 0
         self.advance({topic: START for loop in self._loops for topic in loop.ways})
+
+    @property
+    def speeds_mps(self) -> dict[str, float]:
+        """Real mean speed of each turtle along its circle since the beginning."""
+        span_s = self._now * TICK_S
+        return {loop.name: loop.travelled_m / span_s for loop in self._loops}
 
     @property
     def groups(self) -> Mapping[str, tuple[str, ...]]:

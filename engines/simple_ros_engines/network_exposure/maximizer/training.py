@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
@@ -13,7 +13,8 @@ from simple_ros_engines.network_exposure.maximizer.environment import (
     TopicEnvironment,
     paper_reward,
 )
-from simple_ros_engines.network_exposure.maximizer.knobs import STAY, Action, Setting
+from simple_ros_engines.network_exposure.maximizer.knobs import START, STAY, Action, Setting
+from simple_ros_engines.network_exposure.maximizer.resource import requested_bps
 
 __all__ = [
     "Episode",
@@ -21,10 +22,13 @@ __all__ = [
     "learners_for",
     "random_actions",
     "run_episode",
+    "scattered",
+    "share_saved",
     "stay_actions",
     "train",
 ]
 
+_FAR = 6
 Chooser = Callable[[Mapping[str, Setting]], dict[str, Action]]
 """What all topics do next."""
 
@@ -37,7 +41,9 @@ class Episode:
         reward: Of all topics.
         paper_reward: The same by the paper's equation.
         mos: By process.
-        progress_mps: By process.
+        progress_mps: By process, as its controller knows it.
+        saved_by_class: Share of the mapper's own request that was not asked for, counted as `share_saved` does.
+        saved_by_requirement: The same by what is required, without the steps of QoS classes.
         reverted: Decisions that the clamp took back.
         settings: At its end.
     """
@@ -46,6 +52,8 @@ class Episode:
     paper_reward: float
     mos: dict[str, float]
     progress_mps: dict[str, float]
+    saved_by_class: float
+    saved_by_requirement: float
     reverted: int
     settings: dict[str, Setting]
 
@@ -74,9 +82,43 @@ def random_actions(seed: int) -> Chooser:
     return choose
 
 
+def scattered(topics: Sequence[str], seed: int) -> Callable[[], dict[str, Setting]]:
+    """Where episodes begin from which a policy is learnt: half of them at the start, half anywhere that is not hopeless."""
+    draw = random.Random(seed)  # noqa: S311
+
+    def anywhere() -> Setting:
+        return Setting(draw.randint(0, _FAR), draw.randint(0, _FAR), START.speed)
+
+    def begin() -> dict[str, Setting]:
+        is_start = draw.random() < 0.5
+        return {topic: START if is_start else anywhere() for topic in topics}
+
+    return begin
+
+
 def stay_actions(settings: Mapping[str, Setting]) -> dict[str, Action]:
     """Leave everything as it is."""
     return dict.fromkeys(settings, STAY)
+
+
+def share_saved(
+    environment: TopicEnvironment, settings: Mapping[str, Setting], *, by_class: bool
+) -> float:
+    """Share of the capacity of the mapper's own requests, all topics together, that settings do not ask for.
+
+    Args:
+        environment: Whose topics they are.
+        settings: By topic.
+        by_class: See `requested_bps`.
+    """
+
+    def total(where: Mapping[str, Setting]) -> float:
+        return sum(
+            requested_bps(environment.plant.traffic(topic), one, by_class=by_class)
+            for topic, one in where.items()
+        )
+
+    return 1 - total(settings) / total(dict.fromkeys(settings, START))
 
 
 def run_episode(
@@ -91,9 +133,13 @@ def run_episode(
     """
     environment.reset()
     steps: list[Step] = []
+    shares: list[tuple[float, float]] = []
     while not steps or not steps[-1].is_truncated:
         step = environment.step(choose(environment.settings))
         steps.append(step)
+        here = environment.settings
+        by_class = share_saved(environment, here, by_class=True)
+        shares.append((by_class, share_saved(environment, here, by_class=False)))
         if told is not None:
             told(step)
     groups = environment.plant.groups
@@ -105,6 +151,8 @@ def run_episode(
             g: fmean(step.seen[topics[0]].progress_mps for step in steps)
             for g, topics in groups.items()
         },
+        fmean(by_class for by_class, _ in shares),
+        fmean(by_requirement for _, by_requirement in shares),
         sum(len(step.reverted) for step in steps),
         dict(environment.settings),
     )

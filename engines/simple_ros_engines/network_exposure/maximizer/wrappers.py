@@ -1,7 +1,8 @@
 """The environment for other people's algorithms: Gymnasium (one topic) and PettingZoo (all of them).
 
 Both packages are optional: ``pip install 'simple-ros[learning]'``. Episodes end by truncation only; the process goes on, and
-``reset`` puts no knob back, so the value of what follows counts as the paper's settings have it.
+``reset`` puts no knob back, so the value of what follows counts as the paper's settings have it. ``reset(seed=...)`` begins a
+simulated process anew; live topics go on, and the environment says of itself that it is not deterministic.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from simple_ros_engines.network_exposure.maximizer.environment import (
     TopicEnvironment,
 )
 from simple_ros_engines.network_exposure.maximizer.knobs import KNOBS, Action, Setting
+from simple_ros_engines.network_exposure.maximizer.plant import Repeatable
 
-__all__ = ["ExtraMissing", "gymnasium_env", "parallel_env"]
+__all__ = ["ExtraMissing", "gymnasium_env", "imported", "parallel_env"]
 
+_ID = "simple_ros/MaximizerTopic-v1"
 Others = Callable[[Mapping[str, Setting]], dict[str, Action]]
 """What the other topics do."""
 
@@ -30,13 +33,15 @@ class ExtraMissing(SimpleRosError, ImportError):
 
     Attributes:
         package: Its name.
+        extra: Of simple-ros; brings it.
     """
 
-    def __init__(self, package: str) -> None:
+    def __init__(self, package: str, extra: str = "learning") -> None:
         self.package = package
+        self.extra = extra
         super().__init__(
             f"{package} is not installed; the agent that comes with the maximizer needs nothing, for "
-            "others: pip install 'simple-ros[learning]'"
+            f"others: pip install 'simple-ros[{extra}]'"
         )
 
 
@@ -52,11 +57,23 @@ def gymnasium_env(environment: TopicEnvironment, topic: str, others: Others | No
         ExtraMissing: Gymnasium is not installed.
         LookupError: There is no such topic.
     """
-    gymnasium = _imported("gymnasium")
+    gymnasium = imported("gymnasium")
     if topic not in environment.agents:
         raise LookupError(f"no topic {topic!r}; there are {', '.join(environment.agents)}")
     made = type("TopicEnv", (_OneTopic, gymnasium.Env), {"metadata": {"render_modes": []}})
-    return made(environment, topic, others, *_spaces(gymnasium))
+
+    def again() -> Any:
+        return made(environment, topic, others, *_spaces(gymnasium))
+
+    env = again()
+    env.spec = gymnasium.envs.registration.EnvSpec(
+        _ID,
+        again,
+        nondeterministic=not isinstance(environment.plant, Repeatable),
+        order_enforce=False,
+        disable_env_checker=True,
+    )
+    return env
 
 
 def parallel_env(environment: TopicEnvironment) -> Any:
@@ -65,7 +82,7 @@ def parallel_env(environment: TopicEnvironment) -> Any:
     Raises:
         ExtraMissing: PettingZoo or Gymnasium is not installed.
     """
-    gymnasium, pettingzoo = _imported("gymnasium"), _imported("pettingzoo")
+    gymnasium, pettingzoo = imported("gymnasium"), imported("pettingzoo")
     metadata = {"name": "network_exposure_maximizer_v1", "render_modes": []}
     made = type("TopicsEnv", (_AllTopics, pettingzoo.ParallelEnv), {"metadata": metadata})
     return made(environment, *_spaces(gymnasium))
@@ -87,7 +104,8 @@ class _OneTopic:
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode; ``options={"settings": {...}}`` puts the knobs of all topics."""
         super().reset(seed=seed)  # type: ignore[misc]
-        return self.environment.reset((options or {}).get("settings"))[self.topic], {}
+        seen = self.environment.reset((options or {}).get("settings"), seed)
+        return seen[self.topic], {}
 
     def step(self, action: Sequence[int]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Turn the knobs: 0 is a notch down, 1 none, 2 a notch up."""
@@ -124,12 +142,12 @@ class _AllTopics:
 
     def reset(
         self,
-        seed: int | None = None,  # noqa: ARG002
+        seed: int | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Begin an episode; ``options={"settings": {...}}`` puts the knobs."""
         self.agents = list(self.possible_agents)
-        seen = self.environment.reset((options or {}).get("settings"))
+        seen = self.environment.reset((options or {}).get("settings"), seed)
         return dict(seen), {agent: {} for agent in self.agents}
 
     def step(self, actions: Mapping[str, Sequence[int]]) -> tuple[dict[str, Any], ...]:
@@ -146,11 +164,16 @@ class _AllTopics:
         return step.observations, step.rewards, dict.fromkeys(agents, False), ends, facts
 
 
-def _imported(package: str) -> Any:
+def imported(name: str, extra: str = "learning") -> Any:
+    """A module of a package that an extra brings.
+
+    Raises:
+        ExtraMissing: It is not installed.
+    """
     try:
-        return importlib.import_module(package)
+        return importlib.import_module(name)
     except ImportError:
-        raise ExtraMissing(package) from None
+        raise ExtraMissing(name.partition(".")[0], extra) from None
 
 
 def _spaces(gymnasium: Any) -> tuple[Any, Any]:

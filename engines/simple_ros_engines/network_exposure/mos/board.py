@@ -9,7 +9,7 @@ from typing import Any
 from simple_ros.errors import ConfigError
 from simple_ros_engines.network_exposure.mos.estimator import is_score
 
-__all__ = ["Board", "Group", "TopicStatistics"]
+__all__ = ["MOST_GROUPS", "Board", "Group", "TopicStatistics"]
 
 MOST_GROUPS = 100
 _LONGEST_NAME = 64

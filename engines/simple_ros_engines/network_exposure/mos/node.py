@@ -8,14 +8,23 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from simple_ros.engine import Engine
-from simple_ros.msg.network_exposure_msgs import UniqueTopicFlows, UniqueTopicFlowStats
-from simple_ros.msg.turtlesim_msgs import Mos
+from simple_ros.msg.network_exposure_msgs import (
+    FlowQos,
+    FlowQosArray,
+    UniqueTopicFlows,
+    UniqueTopicFlowStats,
+)
+from simple_ros.msg.turtlesim_msgs import AdaptationRequest, Mos
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher
 from simple_ros.qos import LATCHED, QosProfile
-from simple_ros_engines.network_exposure.mos.board import Board
+from simple_ros_engines.network_exposure.mos.board import MOST_GROUPS, Board
 from simple_ros_engines.network_exposure.mos.judgements import Judge, Judgements
 from simple_ros_engines.network_exposure.mos.page_server import Feed, PageServer, address_of
+from simple_ros_engines.network_exposure.turtlesim.adaptation import (
+    ADAPTATION_TOPIC,
+    Adaptations,
+)
 
 __all__ = ["MOS_TOPIC", "MeanOpinionScoring", "judge_of"]
 
@@ -51,6 +60,8 @@ class MeanOpinionScoring(Engine):
         self.board = Board()
         self.judgements = Judgements()
         self._flows: dict[str, list[str]] = {}
+        self._served: dict[str, str] = {}
+        self._asked: dict[str, Adaptations] = {}
         self._told: set[str] = set()
         self._valid_s = 0.0
         self._publisher: Publisher[Mos] | None = None
@@ -75,11 +86,14 @@ class MeanOpinionScoring(Engine):
         await node.subscribe("unique_network_flow", UniqueTopicFlows, self._flows_came, qos=LATCHED)
         await node.subscribe("unique_network_flow_stats", UniqueTopicFlowStats, self._stats_came)
         await node.subscribe(MOS_TOPIC, Mos, self._score_came)
+        await node.subscribe("network_flow_state", FlowQosArray, self._states_came, qos=LATCHED)
+        await node.subscribe(ADAPTATION_TOPIC, AdaptationRequest, self._asked_to_adapt)
         self._publisher = await node.advertise(MOS_TOPIC, Mos, qos=QosProfile(depth=100))
         node.create_timer(REPEAT_S, lambda _: self.publish())
         async with self._page.listening(host, port) as url:
             if url:
-                logger.info("scores are given at %s", url)
+                # With port 0 nobody else knows.
+                print(f"scores are given at {url}", flush=True)
             await node.spin()
 
     def _set_valid(self, value: Any) -> None:
@@ -96,6 +110,22 @@ class MeanOpinionScoring(Engine):
             self.board.measured(
                 stat.topic, stat.window_rate, stat.window_bandwidth, stat.window_jitter
             )
+
+    def _states_came(self, message: FlowQosArray) -> None:
+        for flow in message.flows:
+            self._served[flow.topic.lstrip("/")] = _served(flow)
+
+    def _asked_to_adapt(self, message: AdaptationRequest) -> None:
+        if message.group not in self._asked and len(self._asked) >= MOST_GROUPS:
+            return
+        self._asked.setdefault(message.group, Adaptations()).came(
+            message.requester,
+            message.speed_factor,
+            message.rate_factor,
+            message.valid_s,
+            time.monotonic(),
+            message.reason,
+        )
 
     def _score_came(self, message: Mos) -> None:
         judge = judge_of(message)
@@ -141,6 +171,7 @@ class MeanOpinionScoring(Engine):
                     "bandwidth": round(known.bytes_per_s),
                     "jitter_ms": round(1000 * known.jitter_s, 2),
                     "flowing": known.is_flowing,
+                    "network": self._served.get(topic.lstrip("/"), ""),
                     "score": None if judged is None else round(judged.score, 2),
                     "judge": None if judged is None else judged.judge.value,
                 }
@@ -151,6 +182,16 @@ class MeanOpinionScoring(Engine):
                 {"name": name, "topics": list(group.topics), "stars": group.stars}
                 for name, group in sorted(board.groups.items())
             ],
+            "asked": [
+                {
+                    "group": group or "everybody",
+                    "speed": one.speed(now_s),
+                    "rate": one.rate(now_s),
+                    "reason": one.reason(now_s),
+                }
+                for group, one in sorted(self._asked.items())
+                if (one.speed(now_s), one.rate(now_s)) != (1.0, 1.0)
+            ],
             "scores": [
                 {"group": one.group, "judge": one.judge.value, "score": round(one.score, 2)}
                 for one in sorted(
@@ -158,6 +199,15 @@ class MeanOpinionScoring(Engine):
                 )
             ],
         }
+
+
+def _served(flow: FlowQos) -> str:
+    """What the network makes of a flow, in few words."""
+    if flow.state == "degraded" and flow.applied_qci:
+        return f"QCI {flow.applied_qci} instead of {flow.qci}"
+    if flow.state == "active":
+        return f"QCI {flow.qci}"
+    return flow.state
 
 
 def _score(group: str, topics: tuple[str, ...], score: float) -> Mos:

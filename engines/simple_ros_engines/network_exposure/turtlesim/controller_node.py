@@ -18,17 +18,20 @@ from simple_ros.qos import SENSOR_DATA, QosProfile
 from simple_ros.timers import Timer
 from simple_ros_engines.network_exposure.mos.estimator import Estimator
 from simple_ros_engines.network_exposure.mos.node import MOS_TOPIC
+from simple_ros_engines.network_exposure.turtlesim.adaptation import (
+    ADAPTATION_TOPIC,
+    Adaptations,
+    is_meant,
+)
 from simple_ros_engines.network_exposure.turtlesim.circle import Circle, CircleController
 from simple_ros_engines.network_exposure.turtlesim.node import TAG
 
-__all__ = ["ADAPTATION_TOPIC", "TurtleController"]
+__all__ = ["TurtleController"]
 
 logger = logging.getLogger(__name__)
 
-ADAPTATION_TOPIC = "/application_adaptation_request"
 _TELL_S = 0.5
 _ENOUGH_S = 1.5
-_LEAST, _MOST = 0.05, 4.0
 
 
 class TurtleController(Engine):
@@ -54,6 +57,7 @@ class TurtleController(Engine):
         self._group = ""
         self._rate_hz = 20.0
         self._timer: Timer | None = None
+        self._adaptations = Adaptations()
 
     @property
     def topics(self) -> tuple[str, str]:
@@ -98,25 +102,38 @@ class TurtleController(Engine):
 
     def adapt(self, request: AdaptationRequest) -> None:
         """Do what the network asks for, if this application is meant."""
-        meant = {topic.lstrip("/") for topic in request.topics}
-        is_meant = request.group == self._group or bool(meant & set(self.topics))
-        if not is_meant and (request.group or meant):
+        now_s = _now_s()
+        if not is_meant(request.group, request.topics, self._group, self.topics):
             return
-        if request.speed_factor:
-            self.controller.factor = _within(request.speed_factor)
-        if request.rate_factor:
-            self.rate_factor = _within(request.rate_factor)
-            if self._timer is not None:
-                self._timer.period = 1 / (self._rate_hz * self.rate_factor)
+        if not self._adaptations.came(
+            request.requester,
+            request.speed_factor,
+            request.rate_factor,
+            request.valid_s,
+            now_s,
+            request.reason,
+        ):
+            logger.warning("a request to adapt makes no sense: %s", request)
+        self._obey(now_s)
+
+    def _obey(self, now_s: float) -> None:
+        """Drive as is asked for now; requests end by themselves, too."""
+        speed, rate = self._adaptations.speed(now_s), self._adaptations.rate(now_s)
+        if (speed, rate) == (self.controller.factor, self.rate_factor):
+            return
+        self.controller.factor, self.rate_factor = speed, rate
+        if self._timer is not None:
+            self._timer.period = 1 / (self._rate_hz * rate)
         logger.info(
             "%s drives at %g of its speed and %g of its rate now: %s",
             self._turtle,
-            self.controller.factor,
-            self.rate_factor,
-            request.reason or "no reason given",
+            speed,
+            rate,
+            self._adaptations.reason(now_s) or "nobody asks for less",
         )
 
     def _tell(self, publisher: Publisher[ControlStatus], scores: Publisher[Mos]) -> None:
+        self._obey(_now_s())
         tracking, wanted = self.controller.tracking(_now_s()), self.controller.speed
         mos = 0.0
         if tracking.span_s >= _ENOUGH_S:
@@ -144,10 +161,6 @@ class TurtleController(Engine):
         )
         status.header.stamp.GetCurrentTime()
         publisher.publish(status)
-
-
-def _within(factor: float) -> float:
-    return min(_MOST, max(_LEAST, factor))
 
 
 def _now_s() -> float:

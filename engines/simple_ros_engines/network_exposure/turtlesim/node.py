@@ -15,6 +15,7 @@ from simple_ros.engine import Engine
 from simple_ros.msg.geometry_msgs import Twist
 from simple_ros.msg.std_srvs import Empty, EmptyRequest, EmptyResponse
 from simple_ros.msg.turtlesim_msgs import (
+    AdaptationRequest,
     Kill,
     KillRequest,
     KillResponse,
@@ -40,6 +41,11 @@ from simple_ros.qos import SENSOR_DATA, QosProfile
 from simple_ros_engines.network_exposure.mos.judgements import Judgements
 from simple_ros_engines.network_exposure.mos.node import MOS_TOPIC, judge_of
 from simple_ros_engines.network_exposure.mos.page_server import Feed, PageServer, address_of
+from simple_ros_engines.network_exposure.turtlesim.adaptation import (
+    ADAPTATION_TOPIC,
+    Adaptations,
+    is_meant,
+)
 from simple_ros_engines.network_exposure.turtlesim.markers import markers
 from simple_ros_engines.network_exposure.turtlesim.picture import Picture
 from simple_ros_engines.network_exposure.turtlesim.world import (
@@ -76,6 +82,7 @@ class Turtlesim(Engine):
     ``reset``. Parameters of its node: ``tag`` (of the topics it publishes; empty without a relay), ``rate``
     (poses a second), ``turtles`` (at the beginning), ``page`` (``[HOST:]PORT`` of the page; port 0 takes any),
     ``background`` (red, green, blue), ``slip`` (rad/s, standard deviation of turns that nobody asked for).
+    When an application is asked to be less frequent, poses of its turtle are, too.
 
     Attributes:
         world: The turtles.
@@ -94,6 +101,8 @@ class Turtlesim(Engine):
         self._background = (69, 86, 255)
         self._changing = asyncio.Lock()
         self._judgements = Judgements()
+        self._adaptations: dict[str, Adaptations] = {}
+        self._due: dict[str, float] = {}
         self._page = PageServer(_WEB, self._feed, period_s=_PAGE_S)
 
     @property
@@ -124,12 +133,14 @@ class Turtlesim(Engine):
         await node.advertise_service("clear", Empty, self._clear)
         await node.advertise_service("reset", Empty, self._reset)
         await node.subscribe(MOS_TOPIC, Mos, self._score_came)
+        await node.subscribe(ADAPTATION_TOPIC, AdaptationRequest, self._adapt)
         shown = await node.advertise("turtlesim/markers", MarkerArray, qos=QosProfile(depth=1))
         node.create_timer(_MARKERS_S, lambda _: self._show(shown))
         async with AsyncExitStack() as stack:
             url = await stack.enter_async_context(self._page.listening(host, port))
             if url:
-                logger.info("the turtles are at %s", url)
+                # With port 0 nobody else knows.
+                print(f"the turtles are at {url}", flush=True)
             await self._simulate(1 / rate_hz)
 
     async def _simulate(self, period_s: float) -> None:
@@ -146,8 +157,29 @@ class Turtlesim(Engine):
                     "%s ran into the wall at %.2f, %.2f", turtle.name, turtle.x, turtle.y
                 )
             for name, publisher in self._poses.items():
-                if name in self.world.turtles:
+                if name in self.world.turtles and self._is_due(name, now_s):
                     publisher.publish(_pose(self.world.turtles[name]))
+
+    def _is_due(self, name: str, now_s: float) -> bool:
+        """Whether a pose is to be sent at this step."""
+        rate = self._adaptations[name].rate(now_s) if name in self._adaptations else 1.0
+        due = self._due.get(name, 0.0) + min(1.0, rate)
+        self._due[name] = due - 1.0 if due >= 1.0 else due
+        return due >= 1.0
+
+    def _adapt(self, request: AdaptationRequest) -> None:
+        """Poses of the turtles that are meant go out less often."""
+        now_s = asyncio.get_running_loop().time()
+        for name in self.world.turtles:
+            if is_meant(request.group, request.topics, name, (f"{name}/pose",)):
+                self._adaptations.setdefault(name, Adaptations()).came(
+                    request.requester,
+                    request.speed_factor,
+                    request.rate_factor,
+                    request.valid_s,
+                    now_s,
+                    request.reason,
+                )
 
     # -- turtles come and go -----------------------------------------------------------------------
 
@@ -180,7 +212,8 @@ class Turtlesim(Engine):
         self._poses[name] = pose
 
     async def _close(self, name: str) -> None:
-        self._poses.pop(name, None)
+        for known in (self._poses, self._adaptations, self._due):
+            known.pop(name, None)
         for handle in reversed(self._handles.pop(name, [])):
             await handle.close()
 
@@ -265,7 +298,12 @@ class Turtlesim(Engine):
                 for name in self.world.turtles
                 for judged in (self._judgements.of(f"{name}/pose", now_s),)
             }
-            return {**picture.state(), "scores": scores}
+            asked = {
+                name: one.reason(now_s) or "no reason given"
+                for name, one in self._adaptations.items()
+                if one.speed(now_s) < 1 or one.rate(now_s) < 1
+            }
+            return {**picture.state(), "scores": scores, "asked": asked}
 
         return state
 

@@ -32,7 +32,7 @@ function button(text, label, className, message) {
 function showTopics(topics) {
   at("no-topics").hidden = topics.length > 0;
   const old = new Map([...at("topics").querySelectorAll("input")].map((box) => [box.value, box]));
-  rows(at("topics"), ["", "Topic", "Hz", "B/s", "Jitter (ms)", "Score"], topics.map((topic) => {
+  rows(at("topics"), ["", "Topic", "Score", "Network", "Hz", "B/s", "Jitter (ms)"], topics.map((topic) => {
     const row = make("tr", null, topic.flowing ? "" : "silent");
     let box = old.get(topic.name);
     if (!box) {
@@ -45,9 +45,11 @@ function showTopics(topics) {
     box.checked = ticked.has(topic.name);
     const cell = make("td");
     cell.append(box);
-    const score = topic.score === null ? "" : topic.score.toFixed(2) + " (" + topic.judge + ")";
-    row.append(cell, make("td", topic.name), make("td", topic.rate.toFixed(1)), make("td", topic.bandwidth),
-      make("td", topic.jitter_ms.toFixed(1)), make("td", score));
+    const by = topic.judge === "human" ? " ★" : "";
+    const score = topic.score === null ? "" : topic.score.toFixed(2) + by;
+    row.append(cell, make("td", topic.name), make("td", score, topic.score !== null && topic.score < 3.5 ? "bad" : ""),
+      make("td", topic.network, topic.network.includes("instead") || topic.network === "failed" ? "bad" : ""),
+      make("td", topic.rate.toFixed(1)), make("td", topic.bandwidth), make("td", topic.jitter_ms.toFixed(1)));
     return row;
   }));
 }
@@ -80,6 +82,17 @@ function showScores(scores) {
   }));
 }
 
+function showAsked(asked) {
+  at("nobody-asked").hidden = asked.length > 0;
+  const percent = (factor) => Math.round(100 * factor) + " %";
+  rows(at("asked"), asked.length ? ["Group", "Speed", "Rate", "Why"] : [], asked.map((one) => {
+    const row = make("tr");
+    row.append(make("td", one.group), make("td", percent(one.speed)), make("td", percent(one.rate)),
+      make("td", one.reason, "wrap"));
+    return row;
+  }));
+}
+
 function came(message) {
   if (message.op === "answer") {
     at("answer").textContent = message.message;
@@ -89,6 +102,7 @@ function came(message) {
   showTopics(message.topics);
   showGroups(message.groups);
   showScores(message.scores);
+  showAsked(message.asked);
 }
 
 function connect() {

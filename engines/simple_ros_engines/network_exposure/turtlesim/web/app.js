@@ -54,7 +54,7 @@ function cell(text) {
   return made;
 }
 
-function showTable(turtles, scores) {
+function showTable(turtles, scores, asked) {
   const head = document.createElement("tr");
   for (const title of ["Turtle", "x, y (m)", "m/s", "Score", ""]) {
     const made = document.createElement("th");
@@ -65,7 +65,8 @@ function showTable(turtles, scores) {
     const row = document.createElement("tr");
     const score = scores[turtle.name];
     row.append(cell(turtle.name), cell(turtle.x.toFixed(2) + ", " + turtle.y.toFixed(2)), cell(turtle.speed.toFixed(2)),
-      cell(score === null || score === undefined ? "" : score.toFixed(2)), cell(turtle.wall ? "at the wall" : ""));
+      cell(score === null || score === undefined ? "" : score.toFixed(2)), cell(turtle.wall ? "at the wall" : turtle.name in asked ? "slowed" : ""));
+    row.title = asked[turtle.name] || "";
     return row;
   }));
 }
@@ -79,7 +80,7 @@ function came(state) {
   drawing.fillRect(0, 0, canvas.width, canvas.height);
   drawing.drawImage(paper, 0, 0);
   state.turtles.forEach(drawTurtle);
-  showTable(state.turtles, state.scores);
+  showTable(state.turtles, state.scores, state.asked);
 }
 
 function connect() {
