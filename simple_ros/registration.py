@@ -131,7 +131,8 @@ class Registrar:
         if self._contact.is_set() and self._registrations.has_farewell(key):
             said = self._said.setdefault(key, asyncio.Event())
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(said.wait(), _FAREWELL_S)
+                async with asyncio.timeout(_FAREWELL_S):
+                    await said.wait()
 
     async def wait_for_master(self) -> None:
         """Return when a Master has answered.
@@ -402,7 +403,8 @@ class Registrar:
             if key.kind is EndpointKind.PUBLISHER:
                 # The push always comes, even with no targets, and its connection then ends.
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(ended.wait(), _FOREIGN_PUSH_S)
+                    async with asyncio.timeout(_FOREIGN_PUSH_S):
+                        await ended.wait()
             else:
                 await asyncio.sleep(_FOREIGN_SPACING_S)
             self._push_ended.pop(key.topic, None)
@@ -425,7 +427,8 @@ class Registrar:
         with contextlib.suppress(
             TimeoutError, grpc.aio.AioRpcError, SimpleRosError, asyncio.InvalidStateError
         ):
-            await asyncio.wait_for(self._say_goodbye(), _GOODBYE_S)
+            async with asyncio.timeout(_GOODBYE_S):
+                await self._say_goodbye()
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
         self._end_waiting()

@@ -73,7 +73,8 @@ class ParameterStore:
     async def _pause(self, seconds: float) -> None:
         """Wait so long, or until the end."""
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._ending.wait(), seconds)
+            async with asyncio.timeout(seconds):
+                await self._ending.wait()
 
     async def _write(self) -> bool:
         """Write, if anything is different; whether the file is up to date."""

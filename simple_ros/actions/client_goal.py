@@ -141,7 +141,8 @@ class ClientGoal(Generic[ResultT, FeedbackT]):
         while self._seen < count and loop.time() < end:
             self._arrived.clear()
             try:
-                await asyncio.wait_for(self._arrived.wait(), end - loop.time())
+                async with asyncio.timeout(end - loop.time()):
+                    await self._arrived.wait()
             except TimeoutError:
                 return
 

@@ -179,7 +179,8 @@ class ChildProcess:
                 break
             self.signal(number)
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._process.wait(), patience_s)
+                async with asyncio.timeout(patience_s):
+                    await self._process.wait()
         self.signal(signal.SIGKILL)
         how = await self.ended()
         # Some made a group of their own; psutil knows them again by the time of their start.

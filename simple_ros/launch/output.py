@@ -89,7 +89,8 @@ class Output:
     async def close(self, patience_s: float) -> None:
         """Read what is left, for so long at most: somebody else may hold the pipe open for ever."""
         try:
-            await asyncio.wait_for(self._ended.wait(), patience_s)
+            async with asyncio.timeout(patience_s):
+                await self._ended.wait()
         except TimeoutError:
             if self._transport is not None:
                 self._transport.close()

@@ -40,7 +40,11 @@ class ShaperSource(MetricsSource):
             sock = await dial_shaper(split_address(self._shaper), Hello())
             reader, writer = await asyncio.open_connection(sock=sock)
             try:
-                while line := await asyncio.wait_for(reader.readline(), _SILENCE_S):
+                while True:
+                    async with asyncio.timeout(_SILENCE_S):
+                        line = await reader.readline()
+                    if not line:
+                        break
                     try:
                         emit(from_json(line.decode()))
                     except (BadRecord, UnicodeDecodeError):
