@@ -20,8 +20,9 @@ import numpy as np
 from simple_ros.msg.sensor_msgs import Image
 from simple_ros_engines.cross_domain.adaptation import RateGate
 from simple_ros_engines.cross_domain.core import CrossDomain, LinkMetrics
-from simple_ros_engines.cross_domain.jpeg import JpegLadder, to_jpeg
-from simple_ros_engines.cross_domain.treatment import FlowBudget, TreatmentJudge
+from simple_ros_engines.cross_domain.flow_rules import FlowRules
+from simple_ros_engines.cross_domain.jpeg import to_jpeg
+from simple_ros_engines.cross_domain.treatment import TreatmentJudge, fair_rates
 from simple_ros_engines.physical_adaptive.core import (
     Demand,
     LinkView,
@@ -150,9 +151,7 @@ class Adaptive:
         self._radio, self._cross = RadioInformation(), CrossDomain()
         self._physical = PhysicalAdaptive(PhysicalSettings(), random.Random(seed))
         self._judge = TreatmentJudge()
-        self._ladder = JpegLadder()
-        self._gates = {kind: RateGate() for kind in ("camera", "lidar")}
-        self._budgets = {kind: FlowBudget() for kind in ("camera", "lidar")}
+        self._rules = {kind: FlowRules() for kind in ("camera", "lidar")}
 
     def record(self, record: LinkRecord, now_s: float) -> None:
         """From a metric to what the bridge does."""
@@ -189,38 +188,37 @@ class Adaptive:
 
     def _take(self, strategy: Strategy, now_s: float) -> None:
         self._judge.strategy(strategy.compression_ratio, now_s)
-        for budget in self._budgets.values():
-            budget.rate_bps = 0.8 * strategy.rate_bps / 2
-        self._ladder.want(strategy.compression_ratio or 1.0, now_s)
-
-    def _passes(self, kind: str, now_s: float, rate_hz: float) -> bool:
-        gate = self._gates[kind]
-        gate.rate_hz = 0.0 if math.isinf(rate_hz) else rate_hz
-        return gate.passes(now_s)
+        wanted = [rules.wanted_bps(as_jpeg=kind == "camera") for kind, rules in self._rules.items()]
+        given = fair_rates(0.8 * strategy.rate_bps, wanted)
+        for rules, rate_bps in zip(self._rules.values(), given, strict=True):
+            rules.strategy(rate_bps, strategy.compression_ratio, now_s)
 
     def picture(self, scene: int, now_s: float) -> tuple[int, float, int] | None:
         """Bytes, scale and quality of a picture to send now; None for none."""
-        treatment, budget = self._judge.treatment, self._budgets["camera"]
-        budget.came(now_s)
-        if not self._passes("camera", now_s, budget.rate_hz(treatment.rate_hz)):
+        treatment, rules = self._judge.treatment, self._rules["camera"]
+        rules.came(3 * math.prod(self._scenario.camera_pixels), now_s)
+        look = rules.look(treatment, now_s)
+        if not rules.passes(treatment, now_s, rules.ladder.expected_bytes()):
             return None
-        quality = self._ladder.quality
-        size = picture_bytes(scene, self._scenario.camera_pixels, treatment.scale, quality)
-        budget.sent(size)
-        self._ladder.produced(size, budget.message_bytes(treatment.rate_hz))
-        return size, treatment.scale, quality
+        size = picture_bytes(scene, self._scenario.camera_pixels, look.scale, look.quality)
+        rules.sent(size, look)
+        return size, look.scale, look.quality
 
     def cloud(self, now_s: float) -> int:
         """Bytes of a cloud to send now; 0 for none."""
-        treatment, budget = self._judge.treatment, self._budgets["lidar"]
-        budget.came(now_s)
-        if not self._passes("lidar", now_s, budget.rate_hz(treatment.rate_hz)):
+        treatment, rules, size = (
+            self._judge.treatment,
+            self._rules["lidar"],
+            self._scenario.lidar_bytes,
+        )
+        rules.came(size, now_s)
+        share = rules.cloud_share(treatment, size, now_s)
+        if not rules.passes(treatment, now_s, rules.cloud_bytes(share, size)):
             return 0
-        size = self._scenario.lidar_bytes
-        if not treatment.is_untouched:
-            size = int(size * max(0.01, (treatment.scale / 100) ** 2 * treatment.ratio))
-        budget.sent(size)
-        return size
+        thinned = int(share * size)
+        rules.thinned(share, size, thinned)
+        rules.sent(thinned)
+        return thinned
 
 
 class Drive:

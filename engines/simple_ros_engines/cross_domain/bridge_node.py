@@ -20,10 +20,11 @@ from simple_ros.msg.wireless_ros_msgs import Constraint
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher
 from simple_ros_engines.base import NAMESPACE
-from simple_ros_engines.cross_domain.adaptation import RateGate, scaled, voxels
-from simple_ros_engines.cross_domain.jpeg import JpegLadder, pillow, to_jpeg
+from simple_ros_engines.cross_domain.adaptation import scaled, voxels
+from simple_ros_engines.cross_domain.flow_rules import FlowRules
+from simple_ros_engines.cross_domain.jpeg import Look, pillow, to_jpeg
 from simple_ros_engines.cross_domain.sensing import voxel_leaf_m
-from simple_ros_engines.cross_domain.treatment import FlowBudget, Treatment, TreatmentJudge
+from simple_ros_engines.cross_domain.treatment import Treatment, TreatmentJudge, fair_rates
 from simple_ros_engines.marking import marked
 from simple_ros_engines.physical_adaptive.actuators import Actuator, Applied
 from simple_ros_engines.physical_adaptive.sending import PriorityActuator, StrategyApplier
@@ -34,15 +35,14 @@ __all__ = ["TopicBridge"]
 logger = logging.getLogger(__name__)
 
 _Shrink = Callable[[bytes], Any]
+_Handle = Callable[["_Flow", bytes, float], Any]
 
 
 @dataclass(slots=True)
 class _Flow:
     publisher: Publisher[Message]
-    gate: RateGate = field(default_factory=RateGate)
-    budget: FlowBudget = field(default_factory=FlowBudget)
+    rules: FlowRules = field(default_factory=FlowRules)
     jpeg: Publisher[CompressedImage] | None = None
-    ladder: JpegLadder = field(default_factory=JpegLadder)
     came: int = 0
     passed: int = 0
     bytes_in: int = 0
@@ -50,16 +50,16 @@ class _Flow:
     malformed: int = 0
     busy: bool = False
 
-    def sent(self, data: bytes) -> None:
+    def sent(self, data: bytes, look: Look | None = None) -> None:
         self.passed += 1
         self.bytes_out += len(data)
-        self.budget.sent(len(data))
+        self.rules.sent(len(data), look)
 
 
 class TopicBridge(Engine):
     """Hands camera pictures and lidar clouds on, smaller while the link's constraint or strategy says so.
 
-    A link that is healthy gets the bytes as they came. Parameters of its node: ``image_in``, ``image_out``,
+    A link that is healthy and wide enough gets the bytes as they came. Parameters of its node: ``image_in``, ``image_out``,
     ``cloud_in``, ``cloud_out`` (topics; an empty ``..._in`` is left out), ``image_format`` (``raw``, or
     ``jpeg``: pictures that are made smaller go to ``image_out`` + ``/compressed``), ``link`` (whose
     constraints and strategies count; empty takes any), ``point_spacing_m``, ``dwell_s`` (how long the link
@@ -109,7 +109,7 @@ class TopicBridge(Engine):
         actuators: list[Actuator] = [_BridgeActuator(self)]
         if image_in:
             flow = await self._join(image_in, image_out, Image, self._picture_came, actuators)
-            flow.ladder = JpegLadder(dwell_s)
+            flow.rules = FlowRules(dwell_s)
             if form == "jpeg":
                 flow.jpeg = await self._advertised(
                     f"{image_out}/compressed", CompressedImage, actuators
@@ -127,7 +127,7 @@ class TopicBridge(Engine):
         source: str,
         sink: str,
         kind: type[Image | PointCloud2],
-        came: Callable[[_Flow, bytes], Any],
+        came: _Handle,
         actuators: list[Actuator],
     ) -> _Flow:
         assert self._node is not None
@@ -157,79 +157,84 @@ class TopicBridge(Engine):
         now_s = time.monotonic()
         self.judge.strategy(strategy.compression_ratio, now_s)
         heard = [flow for flow in self.flows.values() if self._is_heard(flow)]
-        rate_bps = self._share * strategy.rate_bps / max(1, len(heard))
+        rate_bps = self._share * strategy.rate_bps
         # A rate of 0 with blocks to use says nothing; without any it is the hub's refusal.
         is_told = rate_bps > 0 or strategy.prb == 0
+        wanted = [flow.rules.wanted_bps(as_jpeg=_is_jpeg_heard(flow)) for flow in heard]
+        given = dict(zip(map(id, heard), fair_rates(rate_bps, wanted), strict=True))
         for flow in self.flows.values():
-            flow.budget.rate_bps = rate_bps if is_told else math.inf
-            flow.ladder.want(strategy.compression_ratio or 1.0, now_s)
-        done = self.judge.treatment
-        told = [f"ratio {done.ratio:.2f}, {rate_bps / 1e6:.2f} Mbit/s a topic"]
-        told += [
-            f"{topic}: {'JPEG ' + str(flow.ladder.quality) if flow.jpeg else 'raw'}"
-            for topic, flow in self.flows.items()
-        ]
+            # Nobody hears the others now; who begins to is not to wait for the next strategy.
+            bps = given.get(id(flow), rate_bps) if is_told else math.inf
+            flow.rules.strategy(bps, strategy.compression_ratio, now_s)
+        told = [f"ratio {self.judge.treatment.ratio:.2f}, {rate_bps / 1e6:.2f} Mbit/s"]
+        told += [f"{topic}: {_told(flow)}" for topic, flow in self.flows.items()]
         return "; ".join(told)
 
     def _is_heard(self, flow: _Flow) -> bool:
-        jpeg = flow.jpeg is not None and flow.jpeg.subscriber_count > 0
-        return jpeg or flow.publisher.subscriber_count > 0
+        return _is_jpeg_heard(flow) or flow.publisher.subscriber_count > 0
 
     # -- messages --------------------------------------------------------------------------------
 
-    async def _came(self, flow: _Flow, handle: Callable[[_Flow, bytes], Any], data: bytes) -> None:
+    async def _came(self, flow: _Flow, handle: _Handle, data: bytes) -> None:
         now_s = time.monotonic()
         flow.came += 1
         flow.bytes_in += len(data)
-        flow.budget.came(now_s)
-        if not self._is_heard(flow):
-            return
-        # What cannot be made smaller, or not at once, must be sent less often.
-        rate_hz = flow.budget.rate_hz(self.judge.treatment.rate_hz)
-        flow.gate.rate_hz = 0.0 if math.isinf(rate_hz) else rate_hz
-        if flow.busy or not flow.gate.passes(now_s):
+        flow.rules.came(len(data), now_s)
+        if self._is_heard(flow):
+            await handle(flow, data, now_s)
+
+    async def _pass(
+        self, flow: _Flow, now_s: float, expected_bytes: float | None, work: Callable[[], Any]
+    ) -> None:
+        """Do the work, if a message fits; what cannot be made small enough must be sent less often."""
+        if flow.busy or not flow.rules.passes(self.judge.treatment, now_s, expected_bytes):
             return
         flow.busy = True
         try:
-            await handle(flow, data)
+            await work()
         except DecodeError:
             flow.malformed += 1
         finally:
             flow.busy = False
 
-    async def _picture_came(self, flow: _Flow, data: bytes) -> None:
-        treatment = self.judge.treatment
+    async def _picture_came(self, flow: _Flow, data: bytes, now_s: float) -> None:
+        treatment, rules = self.judge.treatment, flow.rules
+        fits = treatment.is_untouched and rules.fits_as_it_came(len(data), now_s)
         is_raw_heard = flow.publisher.subscriber_count > 0
-        jpeg = flow.jpeg if flow.jpeg is not None and flow.jpeg.subscriber_count else None
-        if jpeg is not None and not (treatment.is_untouched and is_raw_heard):
-            await self._send_jpeg(flow, jpeg, data, treatment)
+        if _is_jpeg_heard(flow) and not (fits and is_raw_heard):
+            look = rules.look(treatment, now_s)
+            work = partial(self._send_jpeg, flow, data, look)
+            await self._pass(flow, now_s, rules.ladder.expected_bytes(), work)
         elif is_raw_heard:
             shrink = partial(_smaller_image, scale=_plain_scale(treatment))
-            await self._send(flow, data, None if treatment.is_untouched else shrink)
+            plain = None if treatment.is_untouched else shrink
+            await self._pass(flow, now_s, None, partial(self._send, flow, data, plain))
 
-    async def _send_jpeg(
-        self, flow: _Flow, jpeg: Publisher[CompressedImage], data: bytes, treatment: Treatment
-    ) -> None:
-        out = await asyncio.to_thread(_jpeg, data, treatment.scale, flow.ladder.quality)
+    async def _send_jpeg(self, flow: _Flow, data: bytes, look: Look) -> None:
+        assert flow.jpeg is not None
+        out = await asyncio.to_thread(_jpeg, data, look)
         if out is None:
             # Nothing that JPEG knows: better the picture as it is than none.
             await self._send(flow, data, None)
             return
-        flow.sent(out)
-        jpeg.publish_bytes(out)
-        # Also on a healthy link: one of few blocks is healthy and narrow.
-        flow.ladder.produced(len(out), flow.budget.message_bytes(treatment.rate_hz))
+        flow.sent(out, look)
+        flow.jpeg.publish_bytes(out)
 
-    async def _cloud_came(self, flow: _Flow, data: bytes) -> None:
-        treatment = self.judge.treatment
-        share = (treatment.scale / 100) ** 2 * treatment.ratio
+    async def _cloud_came(self, flow: _Flow, data: bytes, now_s: float) -> None:
+        share = flow.rules.cloud_share(self.judge.treatment, len(data), now_s)
+        expected = flow.rules.cloud_bytes(share, len(data))
+        await self._pass(flow, now_s, expected, partial(self._send_cloud, flow, data, share))
+
+    async def _send_cloud(self, flow: _Flow, data: bytes, share: float) -> None:
         shrink = partial(_smaller_cloud, leaf_m=voxel_leaf_m(share, self._spacing_m))
-        await self._send(flow, data, None if treatment.is_untouched else shrink)
+        out = await self._send(flow, data, None if share == 1 else shrink)
+        flow.rules.thinned(share, len(data), len(out))
 
-    async def _send(self, flow: _Flow, data: bytes, shrink: _Shrink | None) -> None:
-        out = data if shrink is None else await asyncio.to_thread(shrink, data)
+    async def _send(self, flow: _Flow, data: bytes, shrink: _Shrink | None) -> bytes:
+        out: bytes = data if shrink is None else await asyncio.to_thread(shrink, data)
         flow.sent(out)
         flow.publisher.publish_bytes(out)
+        return out
 
     def statistics(self) -> str:
         """Messages and bytes of each topic, in and out."""
@@ -252,13 +257,23 @@ class _BridgeActuator(Actuator):
         return Applied(True, self._bridge.take_strategy(strategy))
 
 
+def _is_jpeg_heard(flow: _Flow) -> bool:
+    return flow.jpeg is not None and flow.jpeg.subscriber_count > 0
+
+
+def _told(flow: _Flow) -> str:
+    rate_bps = flow.rules.budget.rate_bps
+    form = f"JPEG {flow.rules.ladder.quality}" if flow.jpeg else "raw"
+    return form if math.isinf(rate_bps) else f"{form}, {rate_bps / 1e6:.2f} Mbit/s"
+
+
 def _plain_scale(treatment: Treatment) -> float:
     """Without JPEG a ratio can only be reached with fewer pixels."""
     return max(5.0, min(treatment.scale, 100 * math.sqrt(treatment.ratio)))
 
 
-def _jpeg(data: bytes, scale: float, quality: int) -> bytes | None:
-    smaller = to_jpeg(Image.FromString(data), scale, quality)
+def _jpeg(data: bytes, look: Look) -> bytes | None:
+    smaller = to_jpeg(Image.FromString(data), look.scale, look.quality)
     return None if smaller is None else smaller.SerializeToString()
 
 

@@ -3,37 +3,42 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["FlowBudget", "Reluctant", "Treatment", "TreatmentJudge"]
+__all__ = ["FlowBudget", "Reluctant", "Treatment", "TreatmentJudge", "fair_rates"]
 
 UNTOUCHED_RATIO = 0.98
+_PATIENCE_S = 0.25
+"""How long a link may carry less than before until messages are left out."""
 
 
 class Reluctant:
-    """A number that falls at once and rises only after more was wanted for a while.
+    """A number that falls at once and rises only to the least that was wanted for a while.
 
     Args:
         value: At first.
-        dwell_s: How long; then it rises to the least that was wanted meanwhile.
+        dwell_s: How long.
     """
 
     def __init__(self, value: float, dwell_s: float) -> None:
         self.value = value
         self._dwell_s = dwell_s
-        self._since_s: float | None = None
-        self._least = value
+        self._wanted = value
+        # What was wanted and until when, rising: what a later and lesser wish outlives does not matter.
+        self._past: deque[tuple[float, float]] = deque()
 
     def want(self, value: float, now_s: float) -> float:
         """This is wanted now; the number now."""
-        if value <= self.value:
-            self.value, self._since_s = value, None
-        elif self._since_s is None:
-            self._since_s, self._least = now_s, value
-        else:
-            self._least = min(self._least, value)
-            if now_s - self._since_s >= self._dwell_s:
-                self.value, self._since_s = self._least, None
+        past = self._past
+        while past and past[-1][0] >= self._wanted:
+            past.pop()
+        past.append((self._wanted, now_s))
+        while past and now_s - past[0][1] >= self._dwell_s:
+            past.popleft()
+        self._wanted = value
+        self.value = min(value, past[0][0]) if past else value
         return self.value
 
 
@@ -87,6 +92,17 @@ class TreatmentJudge:
         return self.treatment
 
 
+def fair_rates(total_bps: float, wanted_bps: Sequence[float]) -> list[float]:
+    """What is there, divided evenly; what one does not want goes to the others."""
+    given = [0.0] * len(wanted_bps)
+    rest_bps = total_bps
+    order = sorted(range(len(wanted_bps)), key=lambda index: wanted_bps[index])
+    for place, index in enumerate(order):
+        given[index] = min(wanted_bps[index], rest_bps / (len(order) - place))
+        rest_bps -= given[index]
+    return given
+
+
 class FlowBudget:
     """What one topic may send: bits a second, and what that means for its messages.
 
@@ -96,6 +112,7 @@ class FlowBudget:
 
     def __init__(self) -> None:
         self.rate_bps = math.inf
+        self._patient_bps = math.inf
         self._mean_bytes = 0.0
         self._period_s = 0.0
         self._last_s: float | None = None
@@ -105,7 +122,16 @@ class FlowBudget:
         if self._last_s is not None:
             period_s = min(10.0, now_s - self._last_s)
             self._period_s += 0.2 * (period_s - self._period_s) if self._period_s else period_s
+            self._wait_out(period_s)
         self._last_s = now_s
+
+    def _wait_out(self, period_s: float) -> None:
+        """A fade that ends soon shall cost size only: what waits through it is not yet too late."""
+        if self.rate_bps >= self._patient_bps or math.isinf(self._patient_bps):
+            self._patient_bps = self.rate_bps
+        else:
+            kept = math.exp(-period_s / _PATIENCE_S)
+            self._patient_bps = self.rate_bps + kept * (self._patient_bps - self.rate_bps)
 
     def sent(self, size_bytes: int) -> None:
         """A message went out."""
@@ -113,15 +139,33 @@ class FlowBudget:
             0.2 * (size_bytes - self._mean_bytes) if self._mean_bytes else size_bytes
         )
 
-    def rate_hz(self, wanted_hz: float) -> float:
-        """How many messages a second fit, at most ``wanted_hz``; at least one a second is tried."""
-        if math.isinf(self.rate_bps) or not self._mean_bytes:
-            return wanted_hz
-        return min(wanted_hz, max(1.0, self.rate_bps / (8 * self._mean_bytes)))
+    @property
+    def coming_hz(self) -> float:
+        """How many messages a second come; 0 before the second."""
+        return 1 / self._period_s if self._period_s else 0.0
 
-    def message_bytes(self, wanted_hz: float) -> float:
+    def limit_hz(self, constraint_hz: float) -> float:
+        """What of a constraint's frame rate holds: it stands in for a budget, and where that is told, bytes count."""
+        return constraint_hz if math.isinf(self.rate_bps) else math.inf
+
+    def rate_hz(self, wanted_hz: float, message_bytes: float | None = None) -> float:
+        """How many messages a second fit, at most ``wanted_hz``; at least one a second is tried.
+
+        Args:
+            wanted_hz: Never more. It is the answer, too, if all that come fit.
+            message_bytes: What the next will take; None: the mean of those that went out.
+        """
+        size = message_bytes or self._mean_bytes
+        if math.isinf(self.rate_bps) or not size:
+            return wanted_hz
+        patient_bps = self.rate_bps if math.isinf(self._patient_bps) else self._patient_bps
+        fits_hz = max(self.rate_bps, patient_bps) / (8 * size)
+        if 0 < 0.99 * self.coming_hz <= fits_hz:
+            return wanted_hz
+        return min(wanted_hz, max(1.0, fits_hz))
+
+    def message_bytes(self, wanted_hz: float = math.inf) -> float:
         """What a message may take if they keep coming as they do, at most ``wanted_hz`` of them."""
         if math.isinf(self.rate_bps):
             return math.inf
-        coming_hz = 1 / self._period_s if self._period_s else 10.0
-        return self.rate_bps / 8 / max(0.1, min(wanted_hz, coming_hz))
+        return self.rate_bps / 8 / max(0.1, min(wanted_hz, self.coming_hz or 10.0))

@@ -30,7 +30,7 @@ class CongestionSettings:
     buffer_growth: float = 1.5
     rtt_growth: float = 1.3
     floor_bytes: float = 4096.0
-    floor_ms: float = 10.0
+    floor_ms: float = 30.0
     confirmations: int = 4
     release: int = 5
 
@@ -71,7 +71,7 @@ class CongestionWatch:
         if not self._rtts:
             return False
         above = self._rtts[-1] - min(self._min_rtt)
-        return above > 3 * self._settings.floor_ms
+        return above > self._settings.floor_ms
 
     def _buffer_grows(self) -> bool:
         recent, earlier = _halves(self._buffers)

@@ -44,6 +44,8 @@ ACTIONS = [(mcs, compression) for mcs in range(-3, 4) for compression in (-1, 0,
 """Corrections of the heuristic: schemes up or down, compression ratio times 0.8, 1 or 1.25."""
 _HEURISTIC = ACTIONS.index((0, 0))
 _REVIEW_AFTER = 100
+_BURST_S = 0.05
+"""What a link sends within this time is no queue."""
 _EXPLORED = {
     "best": "USING_RL_RECOMMENDATION",
     "heuristic": "EXPLOITING_PREVIOUS_STRATEGY",
@@ -181,9 +183,10 @@ class PhysicalAdaptive:
             is_known = view.mcs is not None and view.mcs < len(mcs_table(self.settings.table))
             if is_known and view.snr_db is not None and view.mcs is not None:
                 link.adapter.calibrate(view.snr_db, view.mcs, view.bler)
-        congests = link.congestion.sample(view.buffer_bytes, view.rtt_ms)
+        queued = _standing_bytes(view)
+        congests = link.congestion.sample(queued, view.rtt_ms)
         if link.foresight is not None:
-            link.will_congest = link.foresight.sample(view.buffer_bytes, view.rtt_ms)
+            link.will_congest = link.foresight.sample(queued, view.rtt_ms)
         return congests or link.will_congest
 
     def applied(self, link_id: str) -> None:
@@ -196,26 +199,30 @@ class PhysicalAdaptive:
         self._learn(link, view, demand)
         carrier = self._carrier(view)
         last = len(mcs_table(self.settings.table)) - 1
-        base, correction, action = self._choose(link, view, demand)
-        mcs = max(0, min(last, base + correction[0]))
+        base, action = self._choose(link, view, demand)
+        mcs = max(0, min(last, base + ACTIONS[action][0]))
         entry = mcs_entry(self.settings.table, mcs)
         bler = fmean(link.blers) if link.blers else 0.0
         need = resource_need(
             demand.rate_bps, entry, carrier, available_prb=demand.granted_prb, bler=bler
         )
+        congests = link.congestion.is_congested or link.will_congest
+        if not congests:
+            # Where nothing waits, sending less brings nothing that could be learnt, and costs quality.
+            action = ACTIONS.index((ACTIONS[action][0], 0))
         priority, retx, kind = STRATEGY_TYPES.get(demand.kind, UNKNOWN_TYPE)
         draft = Strategy(
             mcs,
             need.prb,
-            need.compression_ratio * 1.25 ** correction[1],
+            need.compression_ratio * 1.25 ** ACTIONS[action][1],
             priority,
             retx > 0,
             self._retransmissions(link, retx, bler, demand),
             kind,
             need.rate_bps,
-            action,
+            self._named(link, view, demand, action),
         )
-        if link.congestion.is_congested or link.will_congest:
+        if congests:
             ratio, lower = prevent(draft.compression_ratio, draft.priority)
             draft = replace(draft, compression_ratio=ratio, priority=lower)
         granted = carrier.n_prb if demand.granted_prb is None else demand.granted_prb
@@ -234,24 +241,24 @@ class PhysicalAdaptive:
             most=self.settings.max_harq_retx,
         )
 
-    def _choose(
-        self, link: _Link, view: LinkView, demand: Demand
-    ) -> tuple[int, tuple[int, int], str]:
-        """Scheme of the heuristic, correction, and what that is called."""
+    def _choose(self, link: _Link, view: LinkView, demand: Demand) -> tuple[int, int]:
+        """Scheme of the heuristic, and which correction."""
         if view.snr_db is None:
             # No radio numbers: nothing to choose a scheme by.
-            return view.mcs or 0, (0, 0), _EXPLORED["heuristic"]
+            return view.mcs or 0, _HEURISTIC
         base = link.adapter.choose(view.snr_db)
         if not self.settings.learn:
-            return base, (0, 0), _EXPLORED["heuristic"]
+            return base, _HEURISTIC
+        return base, link.learner.choose(self._state(view, demand), self._generator)
+
+    def _named(self, link: _Link, view: LinkView, demand: Demand, action: int) -> str:
+        """What a correction is called; what comes of it will be learnt."""
         state = self._state(view, demand)
-        action = link.learner.choose(state, self._generator)
-        link.pending = (state, action)
+        if self.settings.learn and view.snr_db is not None:
+            link.pending = (state, action)
         if action == _HEURISTIC:
-            name = "heuristic"
-        else:
-            name = "best" if action == link.learner.best(state) else "other"
-        return base, ACTIONS[action], _EXPLORED[name]
+            return _EXPLORED["heuristic"]
+        return _EXPLORED["best" if action == link.learner.best(state) else "other"]
 
     def _learn(self, link: _Link, view: LinkView, demand: Demand) -> None:
         if view.bler is None or view.mcs is None:
@@ -354,3 +361,10 @@ class PhysicalAdaptive:
         if link is None:
             link = self._links[link_id] = _Link(self.settings)
         return link
+
+
+def _standing_bytes(view: LinkView) -> float | None:
+    """What waits longer than a message that was just handed over does: one large cloud is no queue."""
+    if view.buffer_bytes is None or view.available_bps is None:
+        return view.buffer_bytes
+    return max(0.0, view.buffer_bytes - view.available_bps / 8 * _BURST_S)
