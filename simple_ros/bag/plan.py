@@ -150,7 +150,7 @@ class LatchedHistory:
         max_bytes: How many bytes; the last message is kept whatever its size.
     """
 
-    max_messages: int = 16
+    max_messages: int = 64
     max_bytes: int = 1024 * 1024
     _kept: deque[tuple[bytes, int]] = field(default_factory=deque)
     _size_bytes: int = 0
