@@ -22,7 +22,7 @@ from simple_ros.qos import Durability, QosProfile
 from simple_ros_engines.heartbeat import answer_heartbeats
 from simple_ros_engines.histogram import BOUNDS_MS, Histogram
 from simple_ros_engines.modes import Intake, IntervalControl, Mode, mode_of
-from simple_ros_engines.topics import NAMESPACE, Inlet, Outlet, outlet
+from simple_ros_engines.topics import NAMESPACE, Inlet, Outlet, no_numbers, outlet
 
 __all__ = ["NAMESPACE", "Inlet", "Outlet", "WirelessEngine", "outlet"]
 
@@ -30,6 +30,7 @@ logger = logging.getLogger(__name__)
 
 HEARTBEAT_S = 0.5
 _JUDGED = 100
+_TOLD = 100
 _ERROR_BUDGET = 0.05
 Item = TypeVar("Item")
 MessageT = TypeVar("MessageT", bound=Message)
@@ -53,9 +54,11 @@ class WirelessEngine(Engine, Generic[Item]):
         self._longest_ms = 0.0
         self._failed: deque[bool] = deque(maxlen=_JUDGED)
         self._last_error = ""
+        self._told: set[str] = set()
         self._process = psutil.Process()
         self._intake: Intake[Item] = Intake(Mode.REALTIME)
         self._control = IntervalControl(self.update_interval_s)
+        self._changed = asyncio.Event()
 
     @property
     def processed(self) -> int:
@@ -77,7 +80,17 @@ class WirelessEngine(Engine, Generic[Item]):
             message_class: Of a message with a header.
             callback: Called with each message that is new.
         """
-        inlet = Inlet(f"/{NAMESPACE}/{topic}", callback)
+
+        def take(message: MessageT) -> None:
+            bad = no_numbers(message)
+            if bad:
+                # What is learnt from such a number would stay wrong for ever.
+                self._failed.append(True)
+                self._told_error(f"{topic} with {', '.join(bad)} that is no number")
+            else:
+                callback(message)
+
+        inlet = Inlet(f"/{NAMESPACE}/{topic}", take)
         self.inlets.append(inlet)
         await node.subscribe(f"/{NAMESPACE}/{topic}", message_class, inlet.came)
 
@@ -140,26 +153,42 @@ class WirelessEngine(Engine, Generic[Item]):
         except Exception as error:
             # One link's trouble must not be every link's.
             failed = True
-            self.errors += 1
-            text = f"{type(error).__name__}: {error}"
-            if text != self._last_error:
-                logger.exception("%s cannot handle an item", self.node_name)
-            self._last_error = text
+            self._told_error(f"{type(error).__name__}: {error}", error)
         self._failed.append(failed)
         took_ms = 1000 * (time.perf_counter() - begun)
         self.times.add(took_ms)
         self._longest_ms = max(self._longest_ms, took_ms)
 
+    def _told_error(self, text: str, error: Exception | None = None) -> None:
+        self.errors += 1
+        if text not in self._told and len(self._told) < _TOLD:
+            self._told.add(text)
+            logger.error("%s cannot handle an item: %s", self.node_name, text, exc_info=error)
+        self._last_error = text
+
     async def _tick(self, node: NodeHandle) -> None:
         while True:
-            if self._intake.mode is Mode.BURST:
-                await asyncio.sleep(float(node.parameters["~burst_interval"]))
-            else:
-                await asyncio.sleep(self._control.interval_s)
+            if await self._changes_within(self._interval_s(node)):
+                continue
             begun = time.perf_counter()
             for item in self._intake.tick():
                 self._look(item)
             self._control.worked(time.perf_counter() - begun)
+
+    def _interval_s(self, node: NodeHandle) -> float:
+        if self._intake.mode is Mode.BURST:
+            return float(node.parameters["~burst_interval"])
+        return self._control.interval_s
+
+    async def _changes_within(self, seconds: float) -> bool:
+        """Whether a parameter changes meanwhile: an interval of a minute must not outlive its end."""
+        self._changed.clear()
+        try:
+            async with asyncio.timeout(seconds):
+                await self._changed.wait()
+        except TimeoutError:
+            return False
+        return True
 
     async def _declare_common(self, node: NodeHandle) -> None:
         modes = tuple(mode.value for mode in Mode)
@@ -169,20 +198,21 @@ class WirelessEngine(Engine, Generic[Item]):
             "~update_interval", self.update_interval_s, minimum=0.01, maximum=10.0
         )
         await node.declare_parameter("~budget", 20, minimum=1, maximum=10_000)
-        for name in ("~mode", "~update_interval", "~budget"):
+        for name in ("~mode", "~burst_interval", "~update_interval", "~budget"):
             node.on_parameter_changed(name, lambda _: self._apply(node))
         self._apply(node)
 
     def _apply(self, node: NodeHandle) -> None:
         parameters = node.parameters
         mode = mode_of(str(parameters["~mode"]))
-        waiting = self._intake.tick() if mode is not self._intake.mode else []
+        waiting = self._intake.drain()
         skipped = self._intake.skipped
         self._intake = Intake(
             mode, priority=self.priority, differs=self.differs, budget=int(parameters["~budget"])
         )
         self._intake.skipped = skipped
         self._control = IntervalControl(float(parameters["~update_interval"]))
+        self._changed.set()
         for item in waiting:
             self._look(item)
 

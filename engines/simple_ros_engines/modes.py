@@ -2,7 +2,8 @@
 
 realtime: at once. burst: everything at the end of each interval. optimized: at each tick as many links as
 the budget allows, the most critical first, and only those whose newest value changed; a link that was
-passed over moves up, so that none waits forever.
+passed over moves up, so that none waits forever. What does not change is looked at again now and then, so that
+those behind the engine can tell a steady link from a dead engine.
 """
 
 from __future__ import annotations
@@ -56,6 +57,7 @@ class Intake(Generic[Item]):
         differs: Whether an item tells anything new against the last one of its key that was taken.
         budget: Items a tick (optimized).
         limit: Items that may wait in all (burst); the oldest fall.
+        refresh_ticks: A link that tells nothing new is looked at again after so many ticks (optimized).
 
     Attributes:
         skipped: Items that nobody looked at.
@@ -69,6 +71,7 @@ class Intake(Generic[Item]):
         differs: Callable[[Item, Item], bool] = lambda _, __: True,
         budget: int = 20,
         limit: int = 10_000,
+        refresh_ticks: int = 5,
     ) -> None:
         self.mode = mode
         self.skipped = 0
@@ -79,6 +82,9 @@ class Intake(Generic[Item]):
         self._queue: list[Item] = []
         self._waiting: dict[Hashable, _Waiting[Item]] = {}
         self._taken: dict[Hashable, Item] = {}
+        self._refresh_ticks = refresh_ticks
+        self._ticks = 0
+        self._taken_tick: dict[Hashable, int] = {}
 
     def offer(self, key: Hashable, item: Item) -> list[Item]:
         """Something came; gives what to look at now."""
@@ -95,22 +101,32 @@ class Intake(Generic[Item]):
 
     def _replace(self, key: Hashable, item: Item) -> None:
         last = self._taken.get(key)
-        if last is not None and not self._differs(last, item):
+        is_recent = self._ticks + 1 - self._taken_tick.get(key, 0) < self._refresh_ticks
+        if last is not None and is_recent and not self._differs(last, item):
             self.skipped += 1
             return
         before = self._waiting.get(key)
         self.skipped += before is not None
         self._waiting[key] = _Waiting(item, before.passed_over if before else 0)
 
+    def drain(self) -> list[Item]:
+        """All that waits, whatever the budget: it is nobody's any more."""
+        due, self._queue = self._queue, []
+        due += [waiting.item for waiting in self._waiting.values()]
+        self._waiting.clear()
+        return due
+
     def forget(self, key: Hashable) -> None:
         """Keep nothing of a link to compare with."""
         self._taken.pop(key, None)
+        self._taken_tick.pop(key, None)
 
     def tick(self) -> list[Item]:
         """An interval is over; gives what to look at now."""
         if self.mode is Mode.BURST:
             due, self._queue = self._queue, []
             return due
+        self._ticks += 1
         ordered = sorted(
             self._waiting.items(),
             key=lambda pair: self._priority(pair[1].item) + 0.1 * pair[1].passed_over,
@@ -122,6 +138,7 @@ class Intake(Generic[Item]):
         for key, waiting in chosen:
             del self._waiting[key]
             self._taken[key] = waiting.item
+            self._taken_tick[key] = self._ticks
         return [waiting.item for _, waiting in chosen]
 
 

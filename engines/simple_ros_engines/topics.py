@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
@@ -14,7 +15,7 @@ from simple_ros.publisher import Publisher
 from simple_ros.qos import QosProfile
 from simple_ros_engines.flow import SequenceWatch
 
-__all__ = ["NAMESPACE", "Inlet", "Outlet", "outlet"]
+__all__ = ["NAMESPACE", "Inlet", "Outlet", "no_numbers", "outlet"]
 
 NAMESPACE = "wireless_ros"
 MessageT = TypeVar("MessageT", bound=Message)
@@ -61,7 +62,12 @@ class Inlet(Generic[MessageT]):
     def came(self, message: MessageT) -> None:
         """A message of the topic."""
         header: Any = getattr(message, "header")  # noqa: B009
-        if self.watch.came(header.seq, header.stamp.ToNanoseconds()):
+        stamp_ns = header.stamp.ToNanoseconds()
+        if not header.seq and not stamp_ns:
+            # Of a publisher that does not number, such as a person at the command line.
+            self.watch.received += 1
+            self._callback(message)
+        elif self.watch.came(header.seq, stamp_ns):
             self._callback(message)
 
     def flow(self) -> TopicFlow:
@@ -76,6 +82,15 @@ class Inlet(Generic[MessageT]):
             duplicates=watch.duplicates,
             rate_hz=(watch.received - before) / max(1e-3, now_s - before_s),
         )
+
+
+def no_numbers(message: Message) -> list[str]:
+    """Fields of a message that hold a float and no number, or an infinite one."""
+    return [
+        field.name
+        for field, value in message.ListFields()
+        if isinstance(value, float) and not math.isfinite(value)
+    ]
 
 
 async def outlet(

@@ -33,6 +33,7 @@ from simple_ros.qos import LATCHED
 from simple_ros_engines.cross_domain.navigation import nav_parameter_names
 from simple_ros_engines.cross_domain.node import CrossDomainEngine
 from simple_ros_engines.cross_domain.robot_state import RobotState
+from simple_ros_engines.mapping_parameter import object_of
 from simple_ros_master import Master
 
 
@@ -153,10 +154,10 @@ async def test_the_navigation_stacks_parameters_follow_the_link(master: Master) 
 
 
 def test_wrong_parameter_names_are_refused() -> None:
-    assert nav_parameter_names("") == {}
+    assert nav_parameter_names(object_of("")) == {}
     for text, words in (("[]", "no JSON object"), ("{", "no JSON"), ('{"x": "y"}', "none of")):
         with pytest.raises(ConfigError, match=words):
-            nav_parameter_names(text)
+            nav_parameter_names(object_of(text))
 
 
 def poses(*points: tuple[float, float]) -> Path:

@@ -453,6 +453,23 @@ class TestCore:
         assert strategy.action == "EXPLOITING_PREVIOUS_STRATEGY"
         assert strategy.mcs == 0
 
+    def test_a_search_changes_nothing_that_is_learnt(self):
+        engine = self.engine()
+        engine.decide("x", VIEW, DEMAND)
+        link = engine._link("x")
+        before = (link.pending, link.learner.episodes, len(link.scores))
+        engine.applied("x")
+        engine.search("x", VIEW, DEMAND, 29, 0.1)
+        assert link.applied
+        assert (link.pending, link.learner.episodes, len(link.scores)) == before
+
+    def test_a_link_that_is_gone_is_forgotten(self):
+        engine = self.engine()
+        engine.decide("x", VIEW, DEMAND)
+        engine.forget("x")
+        engine.applied("x")
+        assert engine.link_count() == 0
+
     def test_a_search_never_gets_worse(self):
         best, reward, trail = self.engine().search("x", VIEW, DEMAND, 29, 0.1)
         assert trail == sorted(trail)
@@ -476,6 +493,19 @@ class TestRrmPolicy:
         policy = rrm_policy({1: (5, 80, 100), 2: (4, 80, 100), 3: (1, 40, 100)})
         shares = [sub["min_ratio"] for sub in policy["subSlicePolicy"]["subSlices"]]
         assert sum(shares) <= 100
+
+    def test_a_device_that_is_gone_keeps_no_blocks(self, tmp_path: Path):
+        path = tmp_path / "policy.json"
+        actuator = RrmPolicyFile(path, 50)
+        for rnti in (0x4601, 0x4602):
+            actuator.apply("", rnti, replace(STRATEGY, prb=20, priority=4))
+        assert json.loads(path.read_text())["subSlicePolicy"]["subSlices"][3]["min_ratio"] == 80
+        actuator.forget(0x4601)
+        path.unlink()
+        actuator.apply("", 0x4602, replace(STRATEGY, prb=20, priority=4))
+        policy = json.loads(path.read_text())
+        assert policy["subSlicePolicy"]["subSlices"][3]["min_ratio"] == 40
+        assert list(policy["ueSliceMapping"]) == ["0x4602"]
 
     def test_it_says_why_not(self, tmp_path: Path):
         actuator = RrmPolicyFile(tmp_path / "missing" / "file.json", 50)

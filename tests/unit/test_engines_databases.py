@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 from typing import Any
 
 import pytest
@@ -260,7 +261,9 @@ class TestEchoes:
 @pytest.mark.parametrize(
     ("name", "options", "why"),
     [("quectel", {"period_s": 0}, "period_s"), ("influx1", {"url": "ftp://x"}, "neither http"),
-     ("influx3", {"fields": "nokia"}, "field map"), ("flexric", {"prot": 1}, "prot")],
+     ("influx3", {"fields": "nokia"}, "field map"), ("flexric", {"prot": 1}, "prot"),
+     ("replay", {}, "needs the option 'path'"), ("store", {"period_s": 0}, "period_s is 0"),
+     ("influx1", {"window_s": math.nan}, "NaN")],
 )  # fmt: skip
 def test_options_that_have_no_meaning(name: str, options: dict[str, Any], why: str):
     with pytest.raises(ConfigError, match=why):
@@ -271,7 +274,8 @@ def test_options_that_can_be_parameters():
     assert options_with_defaults("replay") == {
         "path": "", "speed": 1.0, "restamp": False, "loop": False,
     }  # fmt: skip
-    assert "ports" not in options_with_defaults("transport")
+    assert options_with_defaults("transport")["ports"] == ()
+    assert options_with_defaults("synthetic")["count"] == 0
 
 
 class _Failing(WirelessEngine[int]):

@@ -197,7 +197,12 @@ class TestRecordLines:
         ["", "{}", "[1]", '{"link": "a", "stamp_ns": "x", "values": {}}',
          '{"link": "a", "stamp_ns": 1, "values": {"cqi": "many"}}',
          '{"link": "a", "stamp_ns": 1e999, "values": {}}',
-         '{"link": "a", "stamp_ns": 1, "values": {}, "quality": {"cqi": "fine"}}'],
+         '{"link": "a", "stamp_ns": 1, "values": {}, "quality": {"cqi": "fine"}}',
+         '{"link": "a", "stamp_ns": 1, "values": {}, "quality": ["cqi"]}',
+         '{"link": "a", "stamp_ns": 1, "values": {}, "rnti": "x"}',
+         '{"link": "a", "stamp_ns": 1, "values": {}, "rnti": -4}',
+         '{"link": "", "stamp_ns": 1, "values": {}}', "[" * 100_000,
+         '{"link": "a", "stamp_ns": 99999999999999999999, "values": {}}'],
     )  # fmt: skip
     def test_what_is_none(self, line):
         with pytest.raises(BadRecord):

@@ -26,6 +26,7 @@ from simple_ros_engines.cross_domain.jpeg import Look, pillow, to_jpeg
 from simple_ros_engines.cross_domain.sensing import voxel_leaf_m
 from simple_ros_engines.cross_domain.treatment import Treatment, TreatmentJudge, fair_rates
 from simple_ros_engines.marking import marked
+from simple_ros_engines.own_link import is_meant
 from simple_ros_engines.physical_adaptive.actuators import Actuator, Applied
 from simple_ros_engines.physical_adaptive.sending import PriorityActuator, StrategyApplier
 from simple_ros_engines.physical_adaptive.strategy import Strategy
@@ -149,7 +150,7 @@ class TopicBridge(Engine):
     # -- what it is told -------------------------------------------------------------------------
 
     def _constraint(self, message: Constraint) -> None:
-        if self._link in ("", message.link_id):
+        if is_meant(self._link, message.link_id):
             self.judge.constraint(message.resolution_scale, message.frame_rate, time.monotonic())
 
     def take_strategy(self, strategy: Strategy) -> str:

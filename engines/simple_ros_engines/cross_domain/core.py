@@ -82,6 +82,10 @@ class CrossDomain:
         """How many links it knows."""
         return len(self._links)
 
+    def forget(self, link_id: str) -> None:
+        """Keep nothing of a link that is gone."""
+        self._links.pop(link_id, None)
+
     def decide(self, metrics: LinkMetrics) -> Decision:
         """What follows from the newest metrics of a link."""
         link = self._links.get(metrics.link_id)

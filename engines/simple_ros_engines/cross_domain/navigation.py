@@ -7,9 +7,9 @@ stop anything.
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
+from typing import Any
 
 from simple_ros.errors import ConfigError, SimpleRosError
 from simple_ros.msg.geometry_msgs import PoseStamped
@@ -19,28 +19,22 @@ from simple_ros.node import NodeHandle
 from simple_ros_engines.cross_domain.constraints import Limits
 from simple_ros_engines.cross_domain.mappings import NavParams, translate_constraints_to_nav_params
 
-__all__ = ["NavigationClient", "nav_parameter_names"]
+__all__ = ["NAV_FIELDS", "NavigationClient", "nav_parameter_names"]
 
 NAME = "navigation"
-_NAV_FIELDS = [item.name for item in fields(NavParams)]
+NAV_FIELDS = [item.name for item in fields(NavParams)]
 _MOVED = 0.05
 
 
-def nav_parameter_names(text: str) -> dict[str, str]:
-    """Which parameter takes which of `NavParams`, from a JSON object.
+def nav_parameter_names(names: Mapping[str, Any]) -> dict[str, str]:
+    """Which parameter takes which of `NavParams`.
 
     Raises:
-        ConfigError: It is none, or names a field there is not.
+        ConfigError: A field is named that there is not.
     """
-    try:
-        names = json.loads(text) if text else {}
-    except ValueError as error:
-        raise ConfigError(f"navigation_parameters is no JSON: {error}") from None
-    if not isinstance(names, dict):
-        raise ConfigError(f"navigation_parameters is no JSON object: {text}")
-    unknown = sorted(set(names) - set(_NAV_FIELDS))
+    unknown = sorted(set(names) - set(NAV_FIELDS))
     if unknown:
-        raise ConfigError(f"navigation_parameters: {unknown[0]!r} is none of {_NAV_FIELDS}")
+        raise ConfigError(f"navigation_parameters: {unknown[0]!r} is none of {NAV_FIELDS}")
     return {str(field): str(name) for field, name in names.items()}
 
 

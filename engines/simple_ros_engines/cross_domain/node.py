@@ -31,11 +31,17 @@ from simple_ros.qos import Durability, QosProfile
 from simple_ros_engines.base import NAMESPACE, WirelessEngine, outlet
 from simple_ros_engines.cross_domain.core import CrossDomain, Decision, LinkMetrics
 from simple_ros_engines.cross_domain.mappings import convert_network_metrics_to_control_limits
-from simple_ros_engines.cross_domain.navigation import NavigationClient, nav_parameter_names
+from simple_ros_engines.cross_domain.navigation import (
+    NAV_FIELDS,
+    NavigationClient,
+    nav_parameter_names,
+)
 from simple_ros_engines.cross_domain.quality_map import QualityMap, enhanced_cells
 from simple_ros_engines.cross_domain.robot_state import RobotState
-from simple_ros_engines.cross_domain.ways import better_way, frame_of
+from simple_ros_engines.cross_domain.ways import MOST_WEIGHT, better_way, frame_of
 from simple_ros_engines.health import report_health
+from simple_ros_engines.mapping_parameter import declare_mapping
+from simple_ros_engines.own_link import OwnLink
 from simple_ros_engines.physical_adaptive.strategy import RECOMMENDATIONS
 
 __all__ = ["CrossDomainEngine"]
@@ -44,6 +50,8 @@ logger = logging.getLogger(__name__)
 
 _LATCHED = QosProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
 _ENHANCE_EVERY_S = 5.0
+_FRESH_S = 2.0
+_FORGET_S = 3600.0
 
 
 class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
@@ -66,8 +74,11 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         self.quality: QualityMap | None = None
         self.newest: dict[str, PhyLayerMetrics] = {}
         self.robot = RobotState()
-        self._own_link = ""
+        self._own = OwnLink()
+        self._heard_s: dict[str, float] = {}
         self._safe_m = 1.0
+        self._planned: Path | None = None
+        self._planning: asyncio.Task[None] | None = None
 
     async def set_up(self, node: NodeHandle) -> None:
         """Declare, advertise, subscribe, provide."""
@@ -101,10 +112,11 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         )
         await node.advertise_action(f"/{NAMESPACE}/enhance_map", EnhanceMap, self._enhance)
         node.create_timer(_ENHANCE_EVERY_S, lambda _: self._publish_enhanced())
+        node.create_timer(_FORGET_S / 60, lambda _: self._forget_silent())
 
     async def _declare(self, node: NodeHandle) -> None:
-        self._own_link = str(await node.declare_parameter("~link", ""))
-        await node.declare_parameter("~comm_weight", 2.0, minimum=0.0, maximum=100.0)
+        self._own.name = str(await node.declare_parameter("~link", ""))
+        await node.declare_parameter("~comm_weight", 2.0, minimum=0.0, maximum=MOST_WEIGHT)
         deadline = await node.declare_parameter("~task_deadline_ms", 0.0, minimum=0.0)
         self.core.deadline_ms = float(deadline) or None
         node.on_parameter_changed("~link", self._link_changed)
@@ -113,7 +125,9 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
 
     async def _meet_navigation(self, node: NodeHandle) -> None:
         get = node.declare_parameter
-        names = nav_parameter_names(str(await get("~navigation_parameters", "", read_only=True)))
+        names = nav_parameter_names(
+            await declare_mapping(node, "~navigation_parameters", NAV_FIELDS)
+        )
         service = str(await get("~plan_service", "", read_only=True))
         speed = float(await get("~max_vel_mps", 1.5, minimum=0.01, maximum=50, read_only=True))
         self._safe_m = float(await get("~safe_distance_m", 1.0, minimum=0.01, read_only=True))
@@ -121,7 +135,7 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         self._navigation = NavigationClient(node, names, service, speed, reports.publish)
 
     def _link_changed(self, value: object) -> None:
-        self._own_link = str(value)
+        self._own.name = str(value)
 
     def _deadline_changed(self, value: object) -> None:
         self.core.deadline_ms = float(str(value)) or None
@@ -140,8 +154,20 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         return self.core.link_count()
 
     def _came(self, message: PhyLayerMetrics) -> None:
+        now_s = time.monotonic()
         self.newest[message.link_id] = message
+        self._heard_s[message.link_id] = now_s
+        self._own.heard(message.link_id, now_s)
         self.offer(message.link_id, message)
+
+    def _forget_silent(self) -> None:
+        now_s = time.monotonic()
+        gone = [link for link, at_s in self._heard_s.items() if now_s - at_s > _FORGET_S]
+        for link in gone:
+            del self._heard_s[link]
+            self.newest.pop(link, None)
+            self.forget(link)
+            self.core.forget(link)
 
     def _task_status(self, message: String) -> None:
         self.core.criticality.status(message.data)
@@ -174,7 +200,7 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
             item.channel_response_time or None,
             item.available_bps or None,
         )
-        is_own = item.link_id == self._link()
+        is_own = item.link_id == self._own.link(time.monotonic())
         self.core.active_sensors = self.robot.sensor_count(time.monotonic()) if is_own else 0
         decision = self.core.decide(metrics)
         limits = decision.limits
@@ -238,12 +264,6 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         message.header.stamp.CopyFrom(item.header.stamp)
         self._limits.publish(message)
 
-    def _link(self) -> str:
-        """The robot's own link; the only one there is, if none was named."""
-        if self._own_link or len(self.newest) != 1:
-            return self._own_link
-        return next(iter(self.newest))
-
     # -- maps and ways ---------------------------------------------------------------------------
 
     def _map_came(self, message: OccupancyGrid) -> None:
@@ -258,27 +278,40 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         self.map = message
 
     def _pose(self, message: PoseStamped) -> None:
-        metrics = self.newest.get(self._link())
-        if metrics is not None and self.quality is not None:
+        now_s = time.monotonic()
+        metrics, silent_s = self.newest.get(self._own.link(now_s)), self._own.silent_s(now_s)
+        if metrics is None or silent_s is None or silent_s > _FRESH_S:
+            # What was measured elsewhere, before the link fell silent, says nothing of this place.
+            return
+        if self.quality is not None:
             at = message.pose.position
-            self.quality.update(at.x, at.y, metrics.link_quality, time.monotonic())
+            self.quality.update(at.x, at.y, metrics.link_quality, now_s)
 
     def _path_came(self, message: Path) -> None:
-        response = self._better_way(message, 0.0)
-        if response.success:
-            self._way.publish(response.path)
-        if response.before.dead_zone_m:
-            logger.warning("the planned path: %s", response.message)
+        self._planned = message
+        if self._planning is None or self._planning.done():
+            self._planning = asyncio.create_task(self._plan())
+
+    async def _plan(self) -> None:
+        """A better way for the newest plan; one at a time, and metrics do not wait for it."""
+        while self._planned is not None:
+            path, self._planned = self._planned, None
+            response = await asyncio.to_thread(self._better_way, path, 0.0)
+            if response.success:
+                self._way.publish(response.path)
+            if response.before.dead_zone_m:
+                logger.warning("the planned path: %s", response.message)
 
     def _publish_enhanced(self) -> None:
         if self.map is not None and self._enhanced.subscriber_count:
             self._enhanced.publish(self._with_quality(self.map))
 
     def _with_quality(self, grid: OccupancyGrid) -> OccupancyGrid:
-        assert self.quality is not None
         frame = frame_of(grid)
-        same = frame is None or frame == self.quality.frame
-        quality = self.quality if same or frame is None else self.quality.moved(frame)
+        assert frame is not None
+        quality = QualityMap(frame) if self.quality is None else self.quality
+        if quality.frame != frame:
+            quality = quality.moved(frame)
         cells = enhanced_cells(occupancy_grid_to_numpy(grid), quality.quality)
         return numpy_to_occupancy_grid(
             cells, grid.info.resolution, origin=grid.info.origin, header=grid.header
@@ -308,9 +341,7 @@ class CrossDomainEngine(WirelessEngine[PhyLayerMetrics]):
         if grid is None or frame_of(grid) is None:
             goal.abort(EnhanceMapResult(), "there is no map")
             return EnhanceMapResult()
-        if self.quality is None:
-            self._map_came(grid)
-        assert self.quality is not None
         result = self._with_quality(grid)
         goal.publish_feedback(EnhanceMapFeedback(progress=1.0))
-        return EnhanceMapResult(map=result, known_cells=self.quality.known_cells())
+        known = 0 if self.quality is None else self.quality.known_cells()
+        return EnhanceMapResult(map=result, known_cells=known)

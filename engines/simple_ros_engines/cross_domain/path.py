@@ -1,16 +1,16 @@
 """Ways that keep the radio: A* over length and coverage. Pure.
 
 A step costs its length times ``1 + weight (1-q) + penalty max(0, (dead - q)/dead)``: bad coverage is longer,
-dead zones are much longer. Straight length is a lower bound of it, so A* (Hart, Nilsson, Raphael, 1968)
-finds the cheapest way. Steps go to the eight neighbours, never across the corner of an obstacle.
+dead zones are much longer. Straight length through the best cells is a lower bound of it, so A* (Hart, Nilsson,
+Raphael, 1968) finds the cheapest way. Steps go to the eight neighbours, never across the corner of an obstacle.
 """
 
 from __future__ import annotations
 
-import heapq
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from itertools import pairwise
 
 import numpy as np
@@ -25,6 +25,11 @@ DEAD_ZONE = 0.3
 
 Cell = tuple[int, int]
 _OCCUPIED = 65
+_MOST_SAMPLES = 10_000
+_DIAGONAL = math.sqrt(2) - 1
+_NEIGHBOURS = tuple(
+    (dx, dy, math.hypot(dx, dy)) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +69,7 @@ class PathQuality:
 def analyze_path(
     points_m: Sequence[tuple[float, float]], quality: QualityMap, dead: float = DEAD_ZONE
 ) -> PathQuality:
-    """Coverage along a path, sampled at half the map's resolution along each segment.
+    """Coverage along a path, sampled at half the map's resolution along each segment (at most 10,000 times).
 
     Unknown places and those outside count as `UNKNOWN_PRIOR`.
     """
@@ -89,23 +94,16 @@ def _samples(
         yield (*points_m[0], 0.0)
     for (x0, y0), (x1, y1) in pairwise(points_m):
         length = math.hypot(x1 - x0, y1 - y0)
-        count = max(1, math.ceil(length / step_m))
+        count = max(1, math.ceil(min(_MOST_SAMPLES, length / step_m)))
         for index in range(count):
             at = (index + 0.5) / count
             yield x0 + at * (x1 - x0), y0 + at * (y1 - y0), length / count
 
 
-def _step_costs(quality: NDArray[np.float64], weights: PathWeights) -> list[list[float]]:
+def _step_costs(quality: NDArray[np.float64], weights: PathWeights) -> NDArray[np.float64]:
     value = np.clip(quality, 0.0, 1.0)
     dead = np.maximum(0.0, (weights.dead - value) / weights.dead)
-    cost = 1.0 + weights.weight * (1.0 - value) + weights.penalty * dead
-    rows: list[list[float]] = cost.tolist()
-    return rows
-
-
-_NEIGHBOURS = tuple(
-    (dx, dy, math.hypot(dx, dy)) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy
-)
+    return np.asarray(1.0 + weights.weight * (1.0 - value) + weights.penalty * dead)
 
 
 def plan(
@@ -122,55 +120,80 @@ def plan(
         quality: 0..1, no unknown ones left.
         start: Column and row.
         goal: Column and row.
-        weights: What coverage is worth; all zero gives the shortest way.
+        weights: What coverage is worth, none of it negative; all zero gives the shortest way.
     """
-    free: list[list[bool]] = (cells < _OCCUPIED).tolist()
-    step = _step_costs(quality, weights or PathWeights())
     height, width = cells.shape
-
-    def inside_free(column: int, row: int) -> bool:
-        return 0 <= column < width and 0 <= row < height and free[row][column]
-
-    if not (inside_free(*start) and inside_free(*goal)):
+    ends = (start, goal)
+    if not all(0 <= column < width and 0 <= row < height for column, row in ends):
         return None
-    came: dict[Cell, Cell] = {}
-    best = {start: 0.0}
-    queue = [(_straight(start, goal), start)]
-    closed: set[Cell] = set()
-    while queue:
-        _, here = heapq.heappop(queue)
-        if here == goal:
-            return _walked(came, here)
-        if here in closed:
-            continue
-        closed.add(here)
-        column, row = here
-        so_far, here_cost = best[here], step[row][column]
-        for dx, dy, length in _NEIGHBOURS:
-            to = (column + dx, row + dy)
-            if to in closed or not inside_free(*to):
+    free = cells < _OCCUPIED
+    if not all(free[row, column] for column, row in ends):
+        return None
+    way = _Search(free, _step_costs(quality, weights or PathWeights())).way(start, goal)
+    return None if way is None else list(way)
+
+
+class _Search:
+    """A* over cells that are numbered row by row, with an occupied border, so that no step leaves the map."""
+
+    def __init__(self, free: NDArray[np.bool_], cost: NDArray[np.float64]) -> None:
+        self._stride: int = free.shape[1] + 2
+        self._free: list[bool] = np.pad(free, 1).ravel().tolist()
+        self._cost: list[float] = np.pad(cost, 1).ravel().tolist()
+        # No step costs less than that: the bound is as tight as a map that is bad everywhere allows.
+        self._least = float(cost[free].min())
+        self._steps = tuple(
+            (dx + dy * self._stride, length / 2, dx if dx and dy else 0, dy * self._stride)
+            for dx, dy, length in _NEIGHBOURS
+        )
+
+    def way(self, start: Cell, goal: Cell) -> Iterator[Cell] | None:
+        """The cells of the cheapest way; None if there is none."""
+        first, last = self._number(start), self._number(goal)
+        came = {first: first}
+        best = {first: 0.0}
+        queue = [(self._bound(first, goal), first)]
+        closed: set[int] = set()
+        while queue:
+            _, here = heappop(queue)
+            if here == last:
+                return self._walked(came, here)
+            if here in closed:
                 continue
-            if dx and dy and not (free[row][to[0]] and free[to[1]][column]):
-                continue
-            cost = so_far + length * (here_cost + step[to[1]][to[0]]) / 2
-            if cost < best.get(to, math.inf):
-                best[to] = cost
-                came[to] = here
-                heapq.heappush(queue, (cost + _straight(to, goal), to))
-    return None
+            closed.add(here)
+            for to, cost in self._around(here, best[here], closed):
+                if cost < best.get(to, math.inf):
+                    best[to] = cost
+                    came[to] = here
+                    heappush(queue, (cost + self._bound(to, goal), to))
+        return None
 
+    def _around(self, here: int, so_far: float, closed: set[int]) -> list[tuple[int, float]]:
+        """Cells one step away, and what it costs to be there."""
+        free, cost = self._free, self._cost
+        own = cost[here]
+        return [
+            (here + step, so_far + half * (own + cost[here + step]))
+            for step, half, aside, ahead in self._steps
+            if free[here + step]
+            and here + step not in closed
+            and (not aside or (free[here + aside] and free[here + ahead]))
+        ]
 
-def _straight(one: Cell, other: Cell) -> float:
-    """Length of the shortest way of eight directions, in cells."""
-    dx, dy = abs(one[0] - other[0]), abs(one[1] - other[1])
-    return max(dx, dy) + (math.sqrt(2) - 1) * min(dx, dy)
+    def _bound(self, number: int, goal: Cell) -> float:
+        """What the way from a cell costs at least: the shortest of eight directions, through the best cells."""
+        dx = abs(number % self._stride - 1 - goal[0])
+        dy = abs(number // self._stride - 1 - goal[1])
+        return self._least * (max(dx, dy) + _DIAGONAL * min(dx, dy))
 
+    def _number(self, cell: Cell) -> int:
+        return cell[0] + 1 + (cell[1] + 1) * self._stride
 
-def _walked(came: dict[Cell, Cell], end: Cell) -> list[Cell]:
-    cells = [end]
-    while cells[-1] in came:
-        cells.append(came[cells[-1]])
-    return cells[::-1]
+    def _walked(self, came: dict[int, int], end: int) -> Iterator[Cell]:
+        numbers = [end]
+        while came[numbers[-1]] != numbers[-1]:
+            numbers.append(came[numbers[-1]])
+        return ((n % self._stride - 1, n // self._stride - 1) for n in reversed(numbers))
 
 
 def plan_between(

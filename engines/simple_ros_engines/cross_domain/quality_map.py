@@ -49,7 +49,9 @@ class GridFrame:
             raise ConfigError(f"{self}: width, height and resolution_m must be more than 0")
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int] | None:
-        """Column and row of a place; None outside."""
+        """Column and row of a place; None outside, and of what is no place."""
+        if not (math.isfinite(x_m) and math.isfinite(y_m)):
+            return None
         dx, dy = x_m - self.origin_x_m, y_m - self.origin_y_m
         cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         column = math.floor((cos * dx + sin * dy) / self.resolution_m)
@@ -88,9 +90,9 @@ class QualityMap:
         self._alpha = alpha
 
     def update(self, x_m: float, y_m: float, quality: float, now_s: float) -> bool:
-        """Take a sample; False if the place is outside."""
+        """Take a sample; False if the place is outside, or the sample no number."""
         cell = self.frame.cell(x_m, y_m)
-        if cell is None:
+        if cell is None or not math.isfinite(quality):
             return False
         at = (cell[1], cell[0])
         old = float(self.quality[at])

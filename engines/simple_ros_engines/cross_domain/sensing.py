@@ -61,6 +61,7 @@ def _mode(level: str, bandwidth_bps: float, criticality: float) -> int:
 
 
 _STEPS = ((10e6, 0.8, 0.0), (5e6, 0.6, 0.3), (2e6, 0.4, 0.6), (0.0, -1.0, 0.9))
+_STRONGEST = 0.9
 
 
 class CompressionJudge:
@@ -85,11 +86,8 @@ class CompressionJudge:
 
 
 def _level(bandwidth_bps: float, quality: float) -> float:
-    return (
-        next(level for rate, least, level in _STEPS if bandwidth_bps > rate and quality > least)
-        if bandwidth_bps > 0
-        else 0.9
-    )
+    fitting = (level for rate, least, level in _STEPS if bandwidth_bps > rate and quality > least)
+    return next(fitting, _STRONGEST)
 
 
 def compression_target(level: float) -> float:

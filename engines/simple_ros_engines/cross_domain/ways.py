@@ -20,7 +20,9 @@ from simple_ros_engines.cross_domain.path import (
 )
 from simple_ros_engines.cross_domain.quality_map import GridFrame, QualityMap
 
-__all__ = ["better_way", "frame_of"]
+__all__ = ["MOST_WEIGHT", "better_way", "frame_of"]
+
+MOST_WEIGHT = 100.0
 
 
 def better_way(
@@ -39,6 +41,12 @@ def better_way(
     points = [(pose.pose.position.x, pose.pose.position.y) for pose in path.poses]
     if len(points) < 2:
         return OptimizePathResponse(message="a path needs two poses or more")
+    if not all(math.isfinite(x) and math.isfinite(y) for x, y in points):
+        return OptimizePathResponse(message="the path has a place that is no number")
+    if not 0 <= weight <= MOST_WEIGHT:
+        return OptimizePathResponse(
+            message=f"weight is {weight:g}, must be from 0 to {MOST_WEIGHT:g}"
+        )
     before = analyze_path(points, quality)
     cells: NDArray[np.int8] = occupancy_grid_to_numpy(grid)
     way = plan_between(cells, quality, points[0], points[-1], PathWeights(weight))
@@ -56,7 +64,7 @@ def better_way(
 
 
 def frame_of(grid: OccupancyGrid) -> GridFrame | None:
-    """Size and place of a map; None if it has no cells or no resolution."""
+    """Size and place of a map; None if it has no cells, no resolution or no place."""
     info = grid.info
     if not (info.width and info.height and info.resolution > 0):
         return None
@@ -67,6 +75,8 @@ def frame_of(grid: OccupancyGrid) -> GridFrame | None:
         2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y * turn.y + turn.z * turn.z)
     )
     at = info.origin.position
+    if not all(map(math.isfinite, (info.resolution, at.x, at.y, yaw))):
+        return None
     return GridFrame(info.width, info.height, info.resolution, at.x, at.y, yaw)
 
 

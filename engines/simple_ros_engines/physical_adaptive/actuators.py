@@ -44,6 +44,9 @@ class Actuator(ABC):
     def apply(self, link_id: str, rnti: int | None, strategy: Strategy) -> Applied:
         """Make a strategy hold; quickly, on the event loop."""
 
+    def forget(self, rnti: int) -> None:  # noqa: B027
+        """A device is gone: what was kept for it is free, as soon as the next strategy is applied."""
+
 
 def rrm_policy(
     shares: dict[int, tuple[int, int, int]], sub_slices: int = 5, parent: int = 0
@@ -115,13 +118,17 @@ class RrmPolicyFile(Actuator):
         share = min(100, -(-100 * strategy.prb // max(1, self._n_prb)))
         self._shares[rnti] = (strategy.priority, share, 100)
         text = json.dumps(rrm_policy(self._shares), indent=2) + "\n"
-        if text != self._written:
+        if text != self._written or not self._path.exists():
             try:
                 self._replace(text)
             except OSError as error:
                 return Applied(False, f"{self._path} cannot be written: {error.strerror}")
             self._written = text
         return Applied(True, f"0x{rnti:04x}: priority {strategy.priority}, at least {share} %")
+
+    def forget(self, rnti: int) -> None:
+        """Keep no share for a device that is gone."""
+        self._shares.pop(rnti, None)
 
     def _replace(self, text: str) -> None:
         handle, name = tempfile.mkstemp(dir=self._path.parent, prefix=self._path.name)

@@ -34,7 +34,7 @@ from simple_ros_engines.physical_adaptive.strategy import (
     score,
     validated,
 )
-from simple_ros_engines.radio.bler import block_error_rate
+from simple_ros_engines.radio.bler import best_mcs, block_error_rate
 from simple_ros_engines.radio.carrier import Carrier
 from simple_ros_engines.radio.mcs import McsTable, mcs_entry, mcs_table
 
@@ -162,6 +162,10 @@ class PhysicalAdaptive:
         """How many links it knows."""
         return len(self._links)
 
+    def forget(self, link_id: str) -> None:
+        """Keep nothing of a link that is gone."""
+        self._links.pop(link_id, None)
+
     def change(self, *, target_bler: float, max_harq_retx: int) -> None:
         """Aim at another error rate, allow another number of repetitions, on all links.
 
@@ -190,16 +194,28 @@ class PhysicalAdaptive:
         return congests or link.will_congest
 
     def applied(self, link_id: str) -> None:
-        """An actuator has applied the newest strategy of a link."""
-        self._link(link_id).applied = True
+        """An actuator has applied the newest strategy of a link, if that is known."""
+        link = self._links.get(link_id)
+        if link is not None:
+            link.applied = True
 
     def decide(self, link_id: str, view: LinkView, demand: Demand) -> Strategy:
         """The strategy for a link, within bounds."""
         link = self._link(link_id)
         self._learn(link, view, demand)
+        base, action = self._choose(link, view, demand)
+        strategy, action = self._strategy(link, view, demand, base, action)
+        if self.settings.learn and view.snr_db is not None:
+            link.pending = (self._state(view, demand), action)
+        link.applied = False
+        return strategy
+
+    def _strategy(
+        self, link: _Link, view: LinkView, demand: Demand, base: int, action: int
+    ) -> tuple[Strategy, int]:
+        """What a scheme and a correction of it come to, and which correction is left of it."""
         carrier = self._carrier(view)
         last = len(mcs_table(self.settings.table)) - 1
-        base, action = self._choose(link, view, demand)
         mcs = max(0, min(last, base + ACTIONS[action][0]))
         entry = mcs_entry(self.settings.table, mcs)
         bler = fmean(link.blers) if link.blers else 0.0
@@ -228,8 +244,7 @@ class PhysicalAdaptive:
         granted = carrier.n_prb if demand.granted_prb is None else demand.granted_prb
         bounds = Bounds(last, min(carrier.n_prb, granted), self.settings.max_harq_retx)
         kept, _ = validated(recommended(draft, demand.recommendation), bounds)
-        link.applied = False
-        return kept
+        return kept, action
 
     def _retransmissions(self, link: _Link, retx: int, bler: float, demand: Demand) -> int:
         return advised_retransmissions(
@@ -252,12 +267,10 @@ class PhysicalAdaptive:
         return base, link.learner.choose(self._state(view, demand), self._generator)
 
     def _named(self, link: _Link, view: LinkView, demand: Demand, action: int) -> str:
-        """What a correction is called; what comes of it will be learnt."""
-        state = self._state(view, demand)
-        if self.settings.learn and view.snr_db is not None:
-            link.pending = (state, action)
+        """What a correction is called."""
         if action == _HEURISTIC:
             return _EXPLORED["heuristic"]
+        state = self._state(view, demand)
         return _EXPLORED["best" if action == link.learner.best(state) else "other"]
 
     def _learn(self, link: _Link, view: LinkView, demand: Demand) -> None:
@@ -320,6 +333,8 @@ class PhysicalAdaptive:
     ) -> tuple[Strategy, float, list[float]]:
         """Try schemes in the model of the link; the best strategy, its score, the best score so far by step.
 
+        Nothing is learnt from it, since nothing of it was applied.
+
         Args:
             link_id: Key of the link.
             view: Of the link; its ratio must be known.
@@ -327,10 +342,11 @@ class PhysicalAdaptive:
             iterations: How many schemes to try, from the heuristic's outward.
             target_bler: Schemes that lose more than twice this are left out.
         """
-        base = self.decide(link_id, view, demand)
         link = self._link(link_id)
         entries = mcs_table(self.settings.table)
         snr = (view.snr_db or 0.0) + link.adapter.offset_db
+        scheme = best_mcs(self.settings.table, snr, target_bler).index
+        base, _ = self._strategy(link, view, demand, scheme, _HEURISTIC)
         order = sorted(range(len(entries)), key=lambda index: abs(index - base.mcs))
         best, best_score, trail = base, -math.inf, []
         for index in order[: max(1, iterations)]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import math
 import random
+import time
 from typing import ClassVar, Literal, cast
 
 from simple_ros.aio import ServerGoal
-from simple_ros.errors import ConfigError
 from simple_ros.msg.std_msgs import Float32, String, UInt32
 from simple_ros.msg.wireless_ros_msgs import (
     ActuationReport,
@@ -28,6 +27,8 @@ from simple_ros.node import NodeHandle
 from simple_ros.qos import LATCHED
 from simple_ros_engines.base import NAMESPACE, WirelessEngine, outlet
 from simple_ros_engines.health import report_health
+from simple_ros_engines.mapping_parameter import declare_mapping
+from simple_ros_engines.own_link import OwnLink
 from simple_ros_engines.physical_adaptive.actuators import Actuator, RrmPolicyFile
 from simple_ros_engines.physical_adaptive.core import (
     Demand,
@@ -35,7 +36,10 @@ from simple_ros_engines.physical_adaptive.core import (
     PhysicalAdaptive,
     PhysicalSettings,
 )
-from simple_ros_engines.physical_adaptive.parameter_actuator import ParameterActuator
+from simple_ros_engines.physical_adaptive.parameter_actuator import (
+    STRATEGY_FIELDS,
+    ParameterActuator,
+)
 from simple_ros_engines.physical_adaptive.q_learning import QSettings
 from simple_ros_engines.physical_adaptive.sending import applied_by, report_of
 from simple_ros_engines.physical_adaptive.strategy import Strategy
@@ -45,6 +49,9 @@ from simple_ros_engines.radio_information.record import link_id_of
 __all__ = ["PhysicalAdaptiveEngine"]
 
 logger = logging.getLogger(__name__)
+
+_GONE_S = 60.0
+_FORGET_S = 3600.0
 
 
 class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
@@ -73,6 +80,8 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         self._newest: dict[str, TransmissionStrategy] = {}
         self._parameters: ParameterActuator | None = None
         self._setting: dict[str, asyncio.Task[None]] = {}
+        self._own = OwnLink()
+        self._heard: dict[str, tuple[float, int]] = {}
 
     async def set_up(self, node: NodeHandle) -> None:
         """Declare, advertise, subscribe, provide."""
@@ -98,6 +107,7 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
             f"/{NAMESPACE}/optimize_strategy", OptimizeStrategy, self._optimize
         )
         node.create_timer(10.0, lambda _: self._tell_learning())
+        node.create_timer(10.0, lambda _: self._forget_silent())
         if bool(await node.declare_parameter("~adapt_learning_rate", False, read_only=True)):
             node.create_timer(60.0, lambda _: self.core.review())
         await report_health(node, self)
@@ -141,9 +151,9 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         path = str(await get("~rrm_policy_file", "", read_only=True))
         if path:
             self.actuators.append(RrmPolicyFile(path, n_prb))
-        names = str(await get("~apply_parameters", "", read_only=True))
+        names = await declare_mapping(node, "~apply_parameters", STRATEGY_FIELDS)
         if names:
-            self._parameters = ParameterActuator(node, _names(names))
+            self._parameters = ParameterActuator(node, {f: str(n) for f, n in names.items()})
 
     def _change(self, node: NodeHandle) -> None:
         wanted = node.parameters
@@ -168,6 +178,9 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
             message.prb_total,
         )
         self._views[message.link_id] = view
+        now_s = time.monotonic()
+        self._own.heard(message.link_id, now_s)
+        self._heard[message.link_id] = (now_s, message.rnti)
         self.core.observe(message.link_id, view)
 
     def _channel(self, message: ChannelState) -> None:
@@ -219,7 +232,7 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
             item.constraint_type,
             min(item.max_data_rate * 1e6, rate_bps),
             item.criticality,
-            self._recommendation if len(self._views) == 1 else "",
+            self._recommendation if self._own.link(time.monotonic()) == item.link_id else "",
             prb,
         )
         self._demands[item.link_id] = demand
@@ -257,6 +270,20 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
         if self._action.subscriber_count:
             self._action.publish(String(data=strategy.action))
 
+    def _forget_silent(self) -> None:
+        """Keep no blocks for devices that are gone, and in the end nothing at all."""
+        now_s = time.monotonic()
+        for link_id, (heard_s, rnti) in list(self._heard.items()):
+            if rnti and now_s - heard_s > _GONE_S:
+                for actuator in self.actuators:
+                    actuator.forget(rnti)
+            if now_s - heard_s > _FORGET_S and link_id not in self._setting:
+                del self._heard[link_id]
+                self.forget(link_id)
+                self.core.forget(link_id)
+                for known in (self._views, self._demands, self.strategies, self._newest):
+                    known.pop(link_id, None)
+
     def _tell_learning(self) -> None:
         if self._learning.subscriber_count:
             for link_id in self._views:
@@ -274,6 +301,9 @@ class PhysicalAdaptiveEngine(WirelessEngine[Constraint]):
             return OptimizeStrategyResult()
         count = wanted.iterations or 10
         target = wanted.target_bler or self.core.settings.target_bler
+        if not 0 < target < 1:
+            goal.abort(OptimizeStrategyResult(), f"target_bler is {target:g}, not between 0 and 1")
+            return OptimizeStrategyResult()
         best, score, trail = self.core.search(link_id, view, demand, count, target)
         for index, so_far in enumerate(trail, 1):
             goal.publish_feedback(OptimizeStrategyFeedback(iteration=index, best_score=so_far))
@@ -296,13 +326,3 @@ def _message(link_id: str, rnti: int, strategy: Strategy) -> TransmissionStrateg
         rate_bps=strategy.rate_bps,
         action=strategy.action,
     )
-
-
-def _names(text: str) -> dict[str, str]:
-    try:
-        names = json.loads(text)
-    except ValueError as error:
-        raise ConfigError(f"apply_parameters is no JSON: {error}") from None
-    if not isinstance(names, dict):
-        raise ConfigError(f"apply_parameters is no JSON object: {text}")
-    return {str(field): str(name) for field, name in names.items()}

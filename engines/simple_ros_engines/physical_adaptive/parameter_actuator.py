@@ -11,9 +11,9 @@ from simple_ros.node import NodeHandle
 from simple_ros_engines.physical_adaptive.actuators import Applied
 from simple_ros_engines.physical_adaptive.strategy import Strategy
 
-__all__ = ["ParameterActuator"]
+__all__ = ["STRATEGY_FIELDS", "ParameterActuator"]
 
-_FIELDS = {field.name for field in fields(Strategy)}
+STRATEGY_FIELDS = sorted(field.name for field in fields(Strategy))
 
 
 class ParameterActuator:
@@ -30,10 +30,10 @@ class ParameterActuator:
     name: ClassVar[str] = "parameters"
 
     def __init__(self, node: NodeHandle, names: Mapping[str, str]) -> None:
-        unknown = sorted(set(names) - _FIELDS)
+        unknown = sorted(set(names) - set(STRATEGY_FIELDS))
         if unknown:
             raise ConfigError(
-                f"{unknown[0]!r} is no field of a strategy; there are {sorted(_FIELDS)}"
+                f"{unknown[0]!r} is no field of a strategy; there are {STRATEGY_FIELDS}"
             )
         self._node = node
         self._names = dict(names)
@@ -41,7 +41,7 @@ class ParameterActuator:
     async def apply(self, link_id: str, strategy: Strategy) -> Applied:
         """Set what has changed; a parameter that no live node declares is not applied."""
         wanted = {
-            name.format(link=link_id): getattr(strategy, field)
+            name.replace("{link}", link_id): getattr(strategy, field)
             for field, name in self._names.items()
         }
         changed: dict[str, Any] = {}

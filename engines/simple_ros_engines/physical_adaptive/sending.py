@@ -26,6 +26,7 @@ from simple_ros_engines.base import NAMESPACE
 from simple_ros_engines.cross_domain.mappings import map_task_priority_to_qos
 from simple_ros_engines.cross_domain.sensing import jpeg_quality, voxel_leaf_m
 from simple_ros_engines.marking import Marks
+from simple_ros_engines.own_link import is_meant
 from simple_ros_engines.physical_adaptive.actuators import Actuator, Applied
 from simple_ros_engines.physical_adaptive.strategy import Strategy
 
@@ -208,7 +209,7 @@ class StrategyApplier:
         )
 
     def _came(self, message: TransmissionStrategy) -> None:
-        if self._link not in ("", message.link_id):
+        if not is_meant(self._link, message.link_id):
             return
         strategy = strategy_of(message)
         for actuator in self.actuators:

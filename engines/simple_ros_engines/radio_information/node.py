@@ -18,6 +18,7 @@ from simple_ros.msg.wireless_ros_msgs import (
 )
 from simple_ros.node import NodeHandle
 from simple_ros_engines.base import NAMESPACE, Outlet, WirelessEngine, outlet
+from simple_ros_engines.own_link import OwnLink
 from simple_ros_engines.radio_information.core import Findings, RadioInformation
 from simple_ros_engines.radio_information.health import SourceHealth
 from simple_ros_engines.radio_information.messages import (
@@ -56,7 +57,7 @@ class RadioInformationEngine(WirelessEngine[LinkRecord]):
     ``history_window_size``, ``interpolate`` (samples missing in a row that histories fill; 0: none),
     ``prediction_horizon`` (s), ``bandwidth_mhz``, ``scs_khz``, ``snr_drop`` (dB), ``bler_spike``,
     ``latency_spike`` (ms), ``stale_after`` (s, age from which records are late; 0: two periods, at least
-    2 s), ``forget_after`` (s of silence), ``discovery_interval`` (s), ``link`` (the robot's own; empty: the only one there is).
+    2 s), ``forget_after`` (s of silence), ``discovery_interval`` (s), ``link`` (the robot's own; empty: the only one heard of lately).
     """
 
     node_name: ClassVar[str] = f"{NAMESPACE}/radio_info_engine"
@@ -72,7 +73,7 @@ class RadioInformationEngine(WirelessEngine[LinkRecord]):
         self.discovered: frozenset[str] = frozenset()
         self._ages_s: dict[str, float] = {}
         self._confidence: dict[tuple[str, str], float] = {}
-        self._link = ""
+        self._own = OwnLink()
         self._place: PoseStamped | None = None
 
     async def set_up(self, node: NodeHandle) -> None:
@@ -97,7 +98,8 @@ class RadioInformationEngine(WirelessEngine[LinkRecord]):
         get = node.declare_parameter
         name = str(await get("~source", "transport", read_only=True))
         self.source = source = make_source(name, await source_options(node, name))
-        self._link = str(await get("~link", "", read_only=True))
+        lately_s = max(15.0, 5 * source.period_s)
+        self._own = OwnLink(str(await get("~link", "", read_only=True)), lately_s)
         self._discovery_s = float(await get("~discovery_interval", 5.0, minimum=0.1, maximum=600))
         stale_s = float(await get("~stale_after", 0.0, minimum=0, maximum=600, read_only=True))
         settings = await radio_settings(node, source)
@@ -122,7 +124,7 @@ class RadioInformationEngine(WirelessEngine[LinkRecord]):
             await asyncio.gather(discovering, return_exceptions=True)
 
     async def _read(self, source: MetricsSource) -> None:
-        tries = 0
+        tries, told = 0, ""
         while True:
             begun = time.monotonic()
             try:
@@ -135,8 +137,10 @@ class RadioInformationEngine(WirelessEngine[LinkRecord]):
             except Exception as error:
                 # A source is a plug-in: its mistake must not end the engine.
                 self.errors += 1
-                logger.exception("the source failed")
                 reason = f"{type(error).__name__}: {error}"
+                if reason != told:
+                    logger.exception("the source failed")
+                told = reason
             if time.monotonic() - begun > _STEADY_S:
                 tries = 0
             self.health.failed(reason)
@@ -225,7 +229,9 @@ class RadioInformationEngine(WirelessEngine[LinkRecord]):
         if findings.began:
             why = findings.beginning.value
             logger.info("link %s, session %d: %s", item.link_id, findings.session, why)
-        place = self._place if self._is_own(item.link_id) else None
+        self._own.heard(item.link_id, time.monotonic())
+        is_own = item.link_id == self._own.link(time.monotonic())
+        place = self._place if is_own else None
         state = channel_state(
             item,
             findings.session,
@@ -237,9 +243,6 @@ class RadioInformationEngine(WirelessEngine[LinkRecord]):
         self._spectrum.publish(spectrum_analysis(findings, place))
         self.observers.notify_observers(state)
         self._tell_rest(findings, place)
-
-    def _is_own(self, link_id: str) -> bool:
-        return link_id == self._link or (not self._link and len(self.newest) == 1)
 
     def _tell_rest(self, findings: Findings, place: PoseStamped | None) -> None:
         record = findings.record

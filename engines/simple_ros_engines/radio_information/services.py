@@ -6,10 +6,9 @@ import asyncio
 import json
 import time
 from statistics import fmean, pstdev
-from typing import Any
 
 from simple_ros.aio import ServerGoal
-from simple_ros.errors import ConfigError, SimpleRosError
+from simple_ros.errors import SimpleRosError
 from simple_ros.msg.wireless_ros_msgs import (
     GetLinkHistory,
     GetLinkHistoryRequest,
@@ -28,11 +27,13 @@ from simple_ros.msg.wireless_ros_msgs import (
 )
 from simple_ros.node import NodeHandle
 from simple_ros_engines.base import NAMESPACE
+from simple_ros_engines.mapping_parameter import object_of
 from simple_ros_engines.radio_information.history import SessionBook
-from simple_ros_engines.radio_information.record import link_id_of
+from simple_ros_engines.radio_information.record import link_id_of, parse_rnti
 
-__all__ = ["LinkServices", "options_of"]
+__all__ = ["LinkServices"]
 
+_LONGEST_S = 86_400.0
 _ENGINES = ("radio_info_engine", "cross_domain_engine", "physical_adaptive_engine")
 
 
@@ -66,7 +67,7 @@ class LinkServices:
         )
 
     def _find(self, rnti: int, link_id: str) -> tuple[PhyLayerMetrics, float] | None:
-        return self._newest.get(link_id or link_id_of(rnti))
+        return self._newest.get(_key(rnti, link_id))
 
     def _unknown(self) -> str:
         return f"no such link; there are: {', '.join(sorted(self._newest)) or 'none'}"
@@ -79,7 +80,7 @@ class LinkServices:
         return GetLinkQualityResponse(found=True, metrics=found[0], age_s=age_s)
 
     def _history(self, request: GetLinkHistoryRequest) -> GetLinkHistoryResponse:
-        session = self._book.current.get(request.link_id or link_id_of(request.rnti))
+        session = self._book.current.get(_key(request.rnti, request.link_id))
         if session is None:
             return GetLinkHistoryResponse(message=self._unknown())
         if request.field not in SessionBook.FIELDS:
@@ -100,10 +101,13 @@ class LinkServices:
         if name not in _ENGINES:
             return ReconfigureEngineResponse(message=f"{name!r} is none of {', '.join(_ENGINES)}")
         try:
-            values = options_of(request.json)
-            await self._node.set_parameters(
-                {f"/{NAMESPACE}/{name}/{key}": value for key, value in values.items()}
-            )
+            values = object_of(request.json)
+            wanted = {f"/{NAMESPACE}/{name}/{key}": value for key, value in values.items()}
+            for key in wanted:
+                # Set without its node, a wrong value would keep the engine from starting.
+                if not (await self._node.describe_parameter(key)).nodes:
+                    return ReconfigureEngineResponse(message=f"no live node declares {key!r}")
+            await self._node.set_parameters(wanted)
         except SimpleRosError as error:
             return ReconfigureEngineResponse(message=str(error))
         return ReconfigureEngineResponse(ok=True, applied=json.dumps(values))
@@ -112,12 +116,17 @@ class LinkServices:
         self, goal: ServerGoal[MonitorQualityGoal, MonitorQualityResult, MonitorQualityFeedback]
     ) -> MonitorQualityResult:
         wanted = goal.goal
-        period_s = max(0.02, wanted.period_s or 0.5)
+        duration_s, period_s = wanted.duration_s or 5.0, max(0.02, wanted.period_s or 0.5)
+        if not (0 < duration_s <= _LONGEST_S and period_s <= _LONGEST_S):
+            goal.abort(MonitorQualityResult(), f"seconds must be from 0 to {_LONGEST_S:g}")
+            return MonitorQualityResult()
         qualities: list[float] = []
-        for _ in range(max(1, round((wanted.duration_s or 5.0) / period_s))):
+        begun_s = time.monotonic()
+        for _ in range(max(1, round(duration_s / period_s))):
             await asyncio.sleep(period_s)
             found = self._find(wanted.rnti, wanted.link_id)
-            if found is not None:
+            # What a link was like before it fell silent is no sample of it.
+            if found is not None and found[1] > begun_s:
                 qualities.append(found[0].link_quality)
                 age_s = time.monotonic() - found[1]
                 goal.publish_feedback(MonitorQualityFeedback(metrics=found[0], age_s=age_s))
@@ -133,16 +142,10 @@ class LinkServices:
         )
 
 
-def options_of(text: str) -> dict[str, Any]:
-    """The JSON object of a text; an empty one is an empty object.
-
-    Raises:
-        ConfigError: It is none.
-    """
-    try:
-        found = json.loads(text or "{}")
-    except ValueError as error:
-        raise ConfigError(f"{text!r} is no JSON: {error}") from error
-    if not isinstance(found, dict):
-        raise ConfigError(f"{text!r} is no JSON object")
-    return found
+def _key(rnti: int, link_id: str) -> str:
+    """Key of the link that a request means: as it is, an RNTI as 0x4601, or as a number."""
+    text = link_id.strip()
+    number = parse_rnti(text) if text.lower().startswith("0x") else None
+    if number is not None:
+        return link_id_of(number)
+    return text or link_id_of(rnti)

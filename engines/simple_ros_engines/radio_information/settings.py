@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from simple_ros.node import NodeHandle
+from simple_ros_engines.mapping_parameter import declare_mapping
 from simple_ros_engines.radio.carrier import Carrier, resource_blocks
 from simple_ros_engines.radio_information.anomalies import AnomalyKind
 from simple_ros_engines.radio_information.core import RadioSettings
-from simple_ros_engines.radio_information.services import options_of
 from simple_ros_engines.radio_information.sources.base import (
     MetricsSource,
     options_with_defaults,
@@ -21,12 +21,15 @@ async def source_options(node: NodeHandle, name: str) -> dict[str, Any]:
     """What parameters say of a source's options; those that nobody set are left out."""
     group = name.replace("-", "_")
     chosen = {}
-    for option, default in options_with_defaults(name).items():
-        value = await node.declare_parameter(f"~{group}/{option}", default, read_only=True)
+    options = options_with_defaults(name)
+    for option, default in options.items():
+        kind, default = ("int[]", []) if default == () else ("", default)
+        value = await node.declare_parameter(
+            f"~{group}/{option}", default, type=kind, read_only=True
+        )
         if value != default:
             chosen[option] = value
-    text = str(await node.declare_parameter("~source_options", "{}", read_only=True))
-    return chosen | options_of(text)
+    return chosen | await declare_mapping(node, "~source_options", options)
 
 
 async def radio_settings(node: NodeHandle, source: MetricsSource) -> RadioSettings:

@@ -8,7 +8,14 @@ from pathlib import Path
 
 from simple_ros_engines.store.annotated_csv import LastValue
 from simple_ros_engines.store.flux import FluxQuery
-from simple_ros_engines.store.line_protocol import Point, parse_fields, parse_tags, tag_text
+from simple_ros_engines.store.line_protocol import (
+    FieldValue,
+    Point,
+    newest_fields,
+    parse_fields,
+    parse_tags,
+    tag_text,
+)
 
 __all__ = ["MetricsStore"]
 
@@ -24,8 +31,9 @@ CREATE TABLE IF NOT EXISTS points(
 # Two points of one series and moment are one point with the fields of both.
 _INSERT = """
 INSERT INTO points VALUES(?, ?, ?)
-ON CONFLICT DO UPDATE SET fields = fields || ',' || excluded.fields
+ON CONFLICT DO UPDATE SET fields = merged(fields, excluded.fields)
 """
+_SHORT = 4096
 _FORGET_EVERY = 20_000
 _FLUSH_EVERY = 5_000
 
@@ -44,6 +52,7 @@ class MetricsStore:
     def __init__(self, path: Path | str | None = None, retention_s: float = 3600.0) -> None:
         self._db = sqlite3.connect(":memory:" if path is None else str(path))
         self._db.executescript(_SCHEMA)
+        self._db.create_function("merged", 2, _merged, deterministic=True)
         self._db.execute("PRAGMA journal_mode=WAL")
         self._db.execute("PRAGMA synchronous=NORMAL")
         self._retention_ns = int(retention_s * 1e9)
@@ -56,6 +65,7 @@ class MetricsStore:
             self._tags[number] = (measurement, parse_tags(tags))
         self._since_forgetting = 0
         self._unwritten = 0
+        self._fresh: dict[int, tuple[int, str]] = {}
 
     def write(self, points: Iterable[Point], now_ns: int) -> int:
         """Take points; those without a stamp get ``now_ns``. Gives how many.
@@ -71,6 +81,10 @@ class MetricsStore:
             for point in points
         ]
         self._db.executemany(_INSERT, rows)
+        for number, stamp_ns, fields in rows:
+            before_ns, before = self._fresh.get(number, (None, ""))
+            both = _merged(before, fields) if before_ns == stamp_ns else fields
+            self._fresh[number] = (stamp_ns, both)
         self._unwritten += len(rows)
         if self._unwritten >= _FLUSH_EVERY:
             self.flush()
@@ -114,6 +128,18 @@ class MetricsStore:
                     "DELETE FROM points WHERE series = ? AND stamp_ns < ?",
                     (number, now_ns - self._retention_ns),
                 )
+
+    def fresh(self, measurement: str) -> list[tuple[dict[str, str], int, dict[str, FieldValue]]]:
+        """Of each series of a measurement that was written since the last call, the point written last.
+
+        Gives tags, stamp and fields. What the stamp says does not matter: the clock of a writer may be wrong.
+        """
+        points, self._fresh = self._fresh, {}
+        return [
+            (self._tags[number][1], stamp_ns, parse_fields(fields))
+            for number, (stamp_ns, fields) in points.items()
+            if self._tags[number][0] == measurement
+        ]
 
     def matching(self, equals: dict[str, str]) -> list[int]:
         """Series whose measurement and tags are those; ``_field`` is not looked at."""
@@ -177,3 +203,9 @@ class MetricsStore:
         """Close the file."""
         self.flush()
         self._db.close()
+
+
+def _merged(before: str, more: str) -> str:
+    """Fields of both, as written. A writer that repeats one moment for ever must not fill the store."""
+    both = f"{before},{more}"
+    return both if len(both) <= _SHORT else newest_fields(both)

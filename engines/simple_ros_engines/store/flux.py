@@ -27,6 +27,7 @@ _UNITS_NS = {
     "d": 86_400 * 10**9,
     "w": 7 * 86_400 * 10**9,
 }
+_LATEST_NS = (1 << 63) - 1
 _DURATION = re.compile(r"(-?)((?:\d+(?:ns|us|µs|ms|s|m|h|d|w))+)")
 _PART = re.compile(r"(\d+)(ns|us|µs|ms|s|m|h|d|w)")
 _CALL = re.compile(r"(\w+)\s*\((.*)\)", re.DOTALL)
@@ -78,6 +79,8 @@ def parse_flux(text: str, now_ns: int) -> FluxQuery:
             ends.append((name, inside))
     if start_ns is None:
         raise BadFlux("a query needs range(start: ...)")
+    if max(abs(start_ns), abs(stop_ns)) > _LATEST_NS:
+        raise BadFlux("range reaches beyond the years 1677 to 2262")
     return FluxQuery(bucket, start_ns, stop_ns, equals, _end(ends))
 
 

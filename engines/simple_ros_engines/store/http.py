@@ -16,7 +16,10 @@ __all__ = ["MAX_HEAD", "Answer", "Request", "framed", "read_request", "refused"]
 
 MAX_HEAD = 32 * 1024
 _MAX_BODY = 25 * 1024 * 1024
-_REASONS = {200: "OK", 204: "No Content", 400: "Bad Request", 404: "Not Found", 413: "Too Large"}
+_REASONS = {
+    200: "OK", 204: "No Content", 400: "Bad Request", 404: "Not Found", 413: "Too Large",
+    503: "Service Unavailable",
+}  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -94,7 +97,10 @@ async def read_request(
         body = _unpacked(body)
         if body is None:
             return refused(400, "invalid", "the body is no gzip, or too large")
-    target = urlsplit(words[1])
+    try:
+        target = urlsplit(words[1])
+    except ValueError:
+        return refused(400, "invalid", f"{words[1]!r} is no target")
     query = {name: values[-1] for name, values in parse_qs(target.query).items()}
     return Request(words[0], target.path, query, headers, body)
 
@@ -103,7 +109,8 @@ async def _body(reader: asyncio.StreamReader, headers: dict[str, str]) -> bytes 
     if headers.get("transfer-encoding", "").lower() == "chunked":
         return await _chunks(reader)
     length = headers.get("content-length", "0")
-    if not length.isdigit() or int(length) > _MAX_BODY:
+    is_number = length.isascii() and length.isdigit() and len(length) <= 20
+    if not is_number or int(length) > _MAX_BODY:
         return None
     return await reader.readexactly(int(length))
 
@@ -140,4 +147,4 @@ def _unpacked(body: bytes) -> bytes | None:
         data = unpacker.decompress(body, _MAX_BODY)
     except zlib.error:
         return None
-    return None if unpacker.unconsumed_tail else data
+    return data if unpacker.eof else None

@@ -18,6 +18,7 @@ __all__ = [
     "FieldValue",
     "Point",
     "flexric_line",
+    "newest_fields",
     "parse_fields",
     "parse_line",
     "parse_lines",
@@ -119,6 +120,11 @@ def tag_text(tags: dict[str, str]) -> str:
 def parse_fields(text: str) -> dict[str, FieldValue]:
     """Fields by name; of one that comes twice, the last."""
     return {_plain(name): _value(value) for name, value in _ONE_FIELD.findall(text)}
+
+
+def newest_fields(text: str) -> str:
+    """Fields as written, of one that comes twice only the last."""
+    return ",".join(f"{name}={value}" for name, value in dict(_ONE_FIELD.findall(text)).items())
 
 
 def _value(text: str) -> FieldValue:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import sqlite3
 import time
 from urllib.parse import parse_qs
 
@@ -82,9 +83,16 @@ class StoreServer:
         self._flushing = asyncio.create_task(self._flush())
 
     async def _flush(self) -> None:
+        told = ""
         while True:
             await asyncio.sleep(_FLUSH_S)
-            self._store.flush()
+            try:
+                self._store.flush()
+                told = ""
+            except sqlite3.Error as error:
+                if str(error) != told:
+                    logger.error("the store's file cannot be written: %s", error)  # noqa: TRY400
+                told = str(error)
 
     @property
     def port(self) -> int:
@@ -137,7 +145,7 @@ class StoreServer:
             while True:
                 async with asyncio.timeout(_IDLE_S):
                     request = await read_request(reader, writer)
-                answer = request if isinstance(request, Answer) else self._answer(request)
+                answer = request if isinstance(request, Answer) else self._safely(request)
                 writer.write(framed(answer))
                 await writer.drain()
                 if isinstance(request, Answer) or request.is_last:
@@ -147,6 +155,12 @@ class StoreServer:
         finally:
             self._connections.pop(writer, None)
             writer.close()
+
+    def _safely(self, request: Request) -> Answer:
+        try:
+            return self._answer(request)
+        except sqlite3.Error as error:
+            return refused(503, "unavailable", f"the store's file: {error}")
 
     def _answer(self, request: Request) -> Answer:
         match request.method, request.path:
@@ -175,7 +189,7 @@ class StoreServer:
             if request.headers.get("content-type", "").startswith("application/json"):
                 text = str(json.loads(text)["query"])
             query = parse_flux(text, time.time_ns())
-        except (BadFlux, ValueError, KeyError, TypeError) as error:
+        except (BadFlux, ValueError, KeyError, TypeError, RecursionError) as error:
             return refused(400, "invalid", f"query: {error}")
         if query.distinct is None:
             body = last_csv(self._store.last(query), query.start_ns, query.stop_ns)
@@ -203,7 +217,11 @@ class _Lines(asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Take lines."""
         lines = data.decode("utf-8", "replace").splitlines()
-        bad = self._server.take("\n".join(flexric_line(line) for line in lines))
+        try:
+            bad = self._server.take("\n".join(flexric_line(line) for line in lines))
+        except sqlite3.Error:
+            # The flush that follows says so, once.
+            return
         if bad is not None and not self._told:
             self._told = True
             logger.warning("a datagram from %s has bad lines, dropped: %s", addr[0], bad)

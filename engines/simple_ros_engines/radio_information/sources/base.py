@@ -7,12 +7,13 @@ one its parameter names, with its options.
 from __future__ import annotations
 
 import inspect
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from simple_ros import plugins
-from simple_ros.errors import ConfigError
+from simple_ros.errors import ConfigError, SimpleRosError
 from simple_ros.node import NodeHandle
 from simple_ros_engines.radio_information.record import LinkRecord
 
@@ -76,6 +77,8 @@ class MetricsSource(ABC):
 def options_with_defaults(name: str) -> dict[str, Any]:
     """Options of a source that can be parameters, with their defaults; one that must be given has "".
 
+    A default of ``()`` is a list of integers.
+
     Raises:
         UnknownPlugin: No installed package offers it.
         BrokenPlugin: It cannot be imported.
@@ -88,7 +91,7 @@ def options_with_defaults(name: str) -> dict[str, Any]:
     for option in signature.parameters.values():
         if option.kind in (option.POSITIONAL_OR_KEYWORD, option.KEYWORD_ONLY):
             default = "" if option.default is option.empty else option.default
-            if isinstance(default, bool | int | float | str):
+            if default == () or isinstance(default, bool | int | float | str):
                 found[option.name] = default
     return found
 
@@ -99,13 +102,30 @@ def make_source(name: str, options: Mapping[str, Any]) -> MetricsSource:
     Raises:
         UnknownPlugin: No installed package offers it.
         BrokenPlugin: It cannot be imported.
-        ConfigError: It does not take these options.
+        ConfigError: It does not take these options, or lacks one.
     """
     factory = plugins.load(GROUP, name)
+    lacking = [option for option in _needed(factory) if option not in options]
+    if lacking:
+        raise ConfigError(f"source {name!r} needs the option {lacking[0]!r}")
     try:
         source = factory(**options)
-    except TypeError as error:
+    except SimpleRosError as error:
+        raise ConfigError(f"source {name!r}: {error}") from error
+    except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"source {name!r} does not take {dict(options)}: {error}") from error
     if not isinstance(source, MetricsSource):
         raise ConfigError(f"source {name!r} is {source!r}, no MetricsSource")
+    if not 0 < source.period_s < math.inf:
+        raise ConfigError(f"source {name!r}: period_s is {source.period_s}, must be more than 0")
     return source
+
+
+def _needed(factory: Callable[..., Any]) -> list[str]:
+    """Options without a default."""
+    try:
+        options = inspect.signature(factory).parameters.values()
+    except (TypeError, ValueError):
+        return []
+    named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return [item.name for item in options if item.kind in named and item.default is item.empty]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -153,9 +154,12 @@ def read_fields(
 
 
 def _number(value: object) -> float | None:
-    if isinstance(value, bool | int | float):
+    if not isinstance(value, bool | int | float):
+        return None
+    try:
         return float(value)
-    return None
+    except OverflowError:  # an integer of hundreds of digits
+        return math.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import http.client
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -58,8 +59,9 @@ class HttpServer:
             with error:
                 told = error.read(500).decode("utf-8", "replace")
             raise SourceDown(f"{self._url} refuses the query ({error.code}): {told}") from error
-        except OSError as error:
-            raise SourceDown(f"{self._url} does not answer: {error}") from error
+        except (OSError, http.client.HTTPException) as error:
+            told = str(error) or type(error).__name__
+            raise SourceDown(f"{self._url} does not answer: {told}") from error
         return data.decode("utf-8", "replace")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from pathlib import Path
 from typing import ClassVar
@@ -30,8 +31,10 @@ class ReplaySource(MetricsSource):
     def __init__(
         self, path: str, speed: float = 1.0, restamp: bool = False, loop: bool = False
     ) -> None:
-        if speed < 0:
-            raise ConfigError(f"speed is {speed}, must not be negative")
+        if not path:
+            raise ConfigError("path is empty: which file is to be replayed?")
+        if not 0 <= speed < math.inf:
+            raise ConfigError(f"speed is {speed}, must be a number that is not negative")
         self._path = Path(path)
         self._speed = speed
         self._restamp = restamp
@@ -43,10 +46,12 @@ class ReplaySource(MetricsSource):
         """Give the records.
 
         Raises:
-            SourceDown: The file cannot be read.
+            SourceDown: The file cannot be read, or has no records.
         """
         while True:
             records = await asyncio.to_thread(self._read)
+            if not records:
+                raise SourceDown(f"{self._path} has no record in it")
             await self._play(records, emit)
             if not self._loop:
                 return

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import sqlite3
 import time
 from typing import ClassVar
 
 from simple_ros_engines.radio_information.sources.base import Emit, MetricsSource, SourceDown
-from simple_ros_engines.radio_information.sources.field_maps import NewestPoints, preset
+from simple_ros_engines.radio_information.sources.field_maps import NewestPoints, RawPoint, preset
 from simple_ros_engines.store.database import MetricsStore
 from simple_ros_engines.store.flux import FluxQuery
 from simple_ros_engines.store.server import StoreServer
@@ -57,14 +58,17 @@ class StoreSource(MetricsSource):
         """Serve, and give each series' newest point once.
 
         Raises:
-            SourceDown: A port is taken.
+            SourceDown: A port is taken, or the file cannot be used.
         """
-        store = MetricsStore(self._path or None, self._retention_s)
+        try:
+            store = MetricsStore(self._path or None, self._retention_s)
+        except sqlite3.Error as error:
+            raise SourceDown(f"the store's file {self._path} cannot be used: {error}") from error
         server = StoreServer(store)
         host, port, udp_port = self._place
         try:
             await server.start(host, port, udp_port)
-        except OSError as error:
+        except (OSError, OverflowError) as error:
             store.close()
             raise SourceDown(f"the store cannot listen on {host}:{port}: {error}") from error
         self.server, self._store = server, store
@@ -72,17 +76,20 @@ class StoreSource(MetricsSource):
             while True:
                 self._look(store, emit)
                 await asyncio.sleep(self.period_s)
+        except sqlite3.Error as error:
+            raise SourceDown(f"the store's file {self._path} cannot be used: {error}") from error
         finally:
             self.server = self._store = None
             await server.close()
             store.close()
 
     def _look(self, store: MetricsStore, emit: Emit) -> None:
-        now_ns = time.time_ns()
-        # Two periods back, but a gNB that writes once a second must not fall between.
-        back_ns = int(max(2 * self.period_s, 1.0) * 1e9)
-        query = FluxQuery("", now_ns - back_ns, now_ns + 1, {"_measurement": self._measurement})
-        for item in self._newest.of_values(store.last(query)):
+        points = [
+            RawPoint(tags[self._tag], stamp_ns, fields)
+            for tags, stamp_ns, fields in store.fresh(self._measurement)
+            if self._tag in tags
+        ]
+        for item in self._newest.fresh(points):
             if item is None:
                 self.malformed += 1
             else:

@@ -24,7 +24,7 @@ class SyntheticSource(MetricsSource):
         period_s: Between samples.
         speed_mps: Of the devices.
         offered_bps: What each wants to send.
-        count: Samples of each link, then it ends; None: for ever.
+        count: Samples of each link, then it ends; 0: for ever.
     """
 
     summary: ClassVar[str] = "simulated links (no radio is behind them)"
@@ -36,10 +36,10 @@ class SyntheticSource(MetricsSource):
         period_s: float = 0.1,
         speed_mps: float = 1.4,
         offered_bps: float = 5e6,
-        count: int | None = None,
+        count: int = 0,
     ) -> None:
-        if links < 1 or period_s <= 0:
-            raise ConfigError("links must be at least 1 and period_s more than 0")
+        if links < 1 or not period_s > 0 or count < 0:
+            raise ConfigError("links must be at least 1, period_s more than 0, count not negative")
         self.period_s = period_s
         self._count = count
         settings = LinkSettings(period_s=period_s, speed_mps=speed_mps, offered_bps=offered_bps)
@@ -54,7 +54,7 @@ class SyntheticSource(MetricsSource):
         loop = asyncio.get_running_loop()
         due = loop.time()
         done = 0
-        while self._count is None or done < self._count:
+        while not self._count or done < self._count:
             for link in self._links:
                 emit(link.step())
             done += 1

@@ -11,7 +11,7 @@ import asyncio
 import ipaddress
 import socket
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar
 
 from simple_ros.node import NodeHandle
@@ -48,7 +48,7 @@ class TransportSource(MetricsSource):
         self,
         period_s: float = 0.5,
         loopback: bool = False,
-        ports: Iterable[int] = (),
+        ports: Sequence[int] = (),
         echo: bool = True,
     ) -> None:
         self.period_s = period_s
