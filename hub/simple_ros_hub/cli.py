@@ -23,9 +23,9 @@ from simple_ros_hub.components import (
     default_components,
     with_parameters,
 )
-from simple_ros_hub.dashboard import address_of
 from simple_ros_hub.hub import NODE_NAME, Hub
 from simple_ros_hub.keeper import ProcessKeeper
+from simple_ros_hub.memory import Memory
 from simple_ros_hub.place import HubRuns, Place, directory_for
 from simple_ros_hub.runner import CELLS
 
@@ -87,7 +87,7 @@ def command(
     logging.getLogger("websockets").setLevel(logging.WARNING)
     try:
         components = with_parameters(_components(config, cell or [], restarts), parameter or [])
-        page = address_of(dashboard) if dashboard else None
+        page = _page(dashboard) if dashboard else None
         aio.run(
             _stop(master, components)
             if end
@@ -97,6 +97,13 @@ def command(
         reason = getattr(error, "strerror", None) or error
         typer.echo(f"{PROGRAM}: error: {reason}", err=True)
         raise typer.Exit(1) from None
+
+
+def _page(text: str) -> tuple[str, int]:
+    # See `Hub`: only who wants the page waits for it.
+    from simple_ros_hub.dashboard import address_of
+
+    return address_of(text)
 
 
 def _components(config: Path | None, cells: list[str], restarts: int) -> tuple[Component, ...]:
@@ -161,4 +168,6 @@ async def _stop(master: str | None, components: tuple[Component, ...]) -> None:
         keeper = ProcessKeeper(place.directory, lambda _, __: None, node.master)
         found = keeper.recover({item.name: item for item in components})
         await keeper.close(leave_running=False)
+        # The next hub must not take them for lost.
+        place.remember(replace(Memory.of(place.remembered()), pids={}).facts())
         typer.echo(f"{PROGRAM}: ended {', '.join(found) or 'nothing'}")

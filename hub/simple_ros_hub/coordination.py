@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 
 from simple_ros.msg.wireless_ros_msgs import (
@@ -17,6 +17,7 @@ from simple_ros_hub.degradation import Strain
 from simple_ros_hub.performance import Performance, numbers_of
 from simple_ros_hub.policy import Situation
 from simple_ros_hub.resources import Allocation, Request, allocate, managed
+from simple_ros_hub.routes import LinkHealth
 
 __all__ = ["Coordinator", "ResourceLimits", "Shared", "wished_blocks"]
 
@@ -144,8 +145,12 @@ class Coordinator:
         inside, refused = self._admission.decide(now_s)
         keys = [key for key in inside if key in self._wishes]
         total = self.total_blocks()
-        blocks = self._requests(keys, "blocks", self.limits.prb_floor)
-        self._load = sum(request.wanted for request in blocks) / total if total else 0.0
+        self._load = sum(self._wishes[key].blocks for key in keys) / total if total else 0.0
+        blocks = [
+            # Nobody can use more than its carrier has; how much more it would like is load.
+            replace(request, wanted=min(request.wanted, self._carrier.get(request.key, total)))
+            for request in self._requests(keys, "blocks", self.limits.prb_floor)
+        ]
         rates = self._requests(keys, "rate_kbps", self.limits.rate_floor_kbps)
         if self.manages_priorities:
             critical = {
@@ -185,6 +190,10 @@ class Coordinator:
     def qualities(self, now_s: float) -> list[float]:
         """Quality of each link that is heard of, 0..1."""
         return [m.link_quality for m, seen in self._metrics.values() if now_s - seen <= _FRESH_S]
+
+    def healths(self) -> dict[str, LinkHealth]:
+        """How each link was when it was last heard of."""
+        return {key: LinkHealth(m.link_quality, seen) for key, (m, seen) in self._metrics.items()}
 
     @property
     def newest_metrics(self) -> dict[str, PhyLayerMetrics]:

@@ -91,6 +91,7 @@ class DegradationJudge:
         worse_after_s: How long things must have been worse.
         better_after_s: How long they must have been better, for each step.
         margin: See `judge`.
+        level: To begin with.
 
     Attributes:
         level: Now.
@@ -98,10 +99,14 @@ class DegradationJudge:
     """
 
     def __init__(
-        self, worse_after_s: float = 0.5, better_after_s: float = 2.0, margin: float = 0.1
+        self,
+        worse_after_s: float = 0.5,
+        better_after_s: float = 2.0,
+        margin: float = 0.1,
+        level: Level = Level.NORMAL,
     ) -> None:
-        self.level = Level.NORMAL
-        self.reason = "everything fits"
+        self.level = level
+        self.reason = "everything fits" if level is Level.NORMAL else "as before"
         self._worse_after_s = worse_after_s
         self._better_after_s = better_after_s
         self._margin = margin

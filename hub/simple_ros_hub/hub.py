@@ -9,21 +9,25 @@ from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
 from simple_ros.errors import ConfigError
+from simple_ros.msg.std_msgs import String
 from simple_ros.msg.wireless_ros_msgs import EngineStatus
 from simple_ros.node import NodeHandle
 from simple_ros_engines.modes import IntervalControl
+from simple_ros_hub.chronicle import Chronicle
 from simple_ros_hub.components import NAMESPACE, Component, Kind, components_of
 from simple_ros_hub.conditions import Action, Do, Phase, State
 from simple_ros_hub.coordination import Coordinator, Shared
-from simple_ros_hub.dashboard import Dashboard
 from simple_ros_hub.degradation import DegradationJudge
-from simple_ros_hub.journal import CALM_S, Journal
+from simple_ros_hub.event_log import EventLog
+from simple_ros_hub.journal import CALM_S
 from simple_ros_hub.keeper import ProcessKeeper
 from simple_ros_hub.outlets import Outlets
 from simple_ros_hub.place import Place
 from simple_ros_hub.policy import PolicyKeeper
+from simple_ros_hub.recollection import Recollection
 from simple_ros_hub.report import event_message
 from simple_ros_hub.reporting import Reporter
+from simple_ros_hub.routes import RouteJudge
 from simple_ros_hub.senses import Senses
 from simple_ros_hub.services import HubServices
 from simple_ros_hub.settings import LIVE_LIMITS, HubSettings, declare_settings, resource_limits
@@ -37,6 +41,7 @@ logger = logging.getLogger(__name__)
 NODE_NAME = f"/{NAMESPACE}/hub"
 _TICK_S = 0.1
 _JUDGE_S = 0.25
+_LOOK_FOR_MASTER_S = 0.5
 _DOWN_S = 5.0
 _REFUSED = "refused "
 
@@ -64,40 +69,53 @@ class Hub:
         self.node = node
         self.place = place
         self.components = {item.name: item for item in components}
-        self.journal = Journal()
+        self.chronicle = Chronicle(EventLog(place.directory), self._stamp)
+        self.journal = self.chronicle.journal
         self.coordinator = Coordinator()
         self.degradation = DegradationJudge()
         self.policy = PolicyKeeper()
+        self.routes: RouteJudge | None = None
         self.settings = HubSettings()
         self.supervision = Supervision(())
         self.services = HubServices(self)
+        self.recollection = Recollection(self)
         self.keeper = ProcessKeeper(place.directory, self._process_ended, node.master)
         self.shared: Shared | None = None
         self.outlets: Outlets | None = None
         self.load = 0.0
         self.work_ms: tuple[float, float] = (0.0, 0.0)
         self._leave_running = leave_running
-        self._dashboard = None if dashboard is None else Dashboard(self, *dashboard)
+        self._page = dashboard
         self._stops: set[asyncio.Task[None]] = set()
         self._spent_s: list[float] = []
         self._steered = ""
         self._down_since_s: dict[str, float] = {}
+        self._is_ending = False
+        self.steering = Steering(node, {}, self.steering_trouble)
 
     async def run(self) -> None:
         """Work until cancelled or the node ends.
 
         If the hub itself fails, the components run on, for the next hub to take over.
         """
-        leave_running = True
+        in_order, leave_running = False, True
         try:
             await self._set_up()
             await self._work()
-            leave_running = self._leave_running
+            in_order, leave_running = True, self._leave_running
         except asyncio.CancelledError:
-            leave_running = self._leave_running
+            in_order, leave_running = True, self._leave_running
             raise
         finally:
+            self._is_ending = True
+            if in_order:
+                # Only into the log: the node may have ended.
+                self.chronicle.log_event(
+                    "The hub ends, components run on" if leave_running else "The hub ends"
+                )
             await self.keeper.close(leave_running=leave_running)
+            if in_order:
+                self.recollection.ended(leave_running=leave_running)
 
     async def _work(self) -> None:
         try:
@@ -121,15 +139,16 @@ class Hub:
             self.node.on_parameter_changed(f"~{name}", lambda _: self._take_limits())
         self.outlets = await Outlets.open(self.node)
         self.reporter = Reporter(self, self.outlets)
-        self._remember_policy()
+        before = self.recollection.recall()
+        # First what is ours: signs of life that come before would count as strangers'.
+        all_known = self.recollection.take_over(before)
         self.senses = Senses(self.node, self.coordinator, self._heard, self.settings.flow_period_s)
         await self.senses.open()
-        for name, pid in self.keeper.recover(self.components).items():
-            self.supervision.found(name, pid, time.monotonic())
-        self.supervision.discovered()
+        self.supervision.discovered(all_known=all_known)
         await self.services.open()
         self._tell_policy(self.policy.policy, "as before" if self.policy.pinned else "initial")
         self._tell_degradation()
+        self._tell_route()
         self._settle()
 
     async def _add_from_master(self) -> None:
@@ -143,31 +162,22 @@ class Hub:
         for component in added:
             self.components.setdefault(component.name, component)
 
-    def _remember_policy(self) -> None:
-        before = self.place.remembered()
-        dwell_s = self.settings.policy_dwell_s
-        self.policy = PolicyKeeper(dwell_s)
-        try:
-            if before.get("policy"):
-                self.policy.pin(str(before["policy"]), time.monotonic())
-                self.policy.pinned = bool(before.get("pinned"))
-        except ConfigError:
-            logger.warning("the policy %r of an earlier hub is unknown", before["policy"])
-        base = before.get("base")
-        self.steering = Steering(
-            self.node, base if isinstance(base, dict) else {}, self._steering_trouble
-        )
-
     def _take_limits(self) -> None:
         self.coordinator.set_limits(resource_limits(self.node))
         managed = bool(self.node.parameters["~priority_management_enabled"])
         self.coordinator.manages_priorities = managed
 
+    async def _serve(self, host: str, port: int) -> None:
+        # It takes numpy and a web server along: a hub without a page is back sooner after its death.
+        from simple_ros_hub.dashboard import Dashboard
+
+        await Dashboard(self, host, port).run()
+
     # -- what goes on --------------------------------------------------------------------------
 
     def _loops(self) -> list[Coroutine[Any, Any, None]]:
         settings = self.settings
-        page = [] if self._dashboard is None else [self._dashboard.run()]
+        page = [] if self._page is None else [self._serve(*self._page)]
         return [
             *page,
             self._every(_TICK_S, self._tick, stretches=False),
@@ -176,6 +186,7 @@ class Hub:
             self._every(_JUDGE_S, self._judge, stretches=False),
             self._every(settings.optimization_interval_s, self._optimize),
             self._steer(),
+            self._watch_master(),
         ]
 
     async def _every(
@@ -208,11 +219,11 @@ class Hub:
         blocks = shared.blocks
         self.reporter.tell_grants(shared, changed=before is None or before != shared)
         conflict = f"PRB allocation conflict detected: {blocks.requested}/{blocks.total}"
-        self._condition(
+        self.condition(
             "conflict", conflict if blocks.is_conflict else "", "PRB allocation conflict is over"
         )
         floors = f"the floors do not fit {blocks.total} blocks and were scaled"
-        self._condition("floors", floors if blocks.floors_scaled else "", "the floors fit again")
+        self.condition("floors", floors if blocks.floors_scaled else "", "the floors fit again")
         told = {
             name.removeprefix(_REFUSED)
             for name in self.journal.present
@@ -221,7 +232,7 @@ class Hub:
         for key in told | shared.refused.keys():
             reason = shared.refused.get(key)
             text = f"link {key} is refused: {reason}" if reason else ""
-            self._condition(f"{_REFUSED}{key}", text, f"link {key} is admitted, or gone")
+            self.condition(f"{_REFUSED}{key}", text, f"link {key} is admitted, or gone")
 
     def _judge(self) -> None:
         now_s = time.monotonic()
@@ -230,6 +241,13 @@ class Hub:
             level = self.degradation.level.name
             self.log_event(f"Degradation level {level}: {self.degradation.reason}")
             self._tell_degradation()
+        self._choose_route(now_s)
+
+    def _choose_route(self, now_s: float) -> None:
+        routes = self.routes
+        if routes is not None and routes.update(self.coordinator.healths(), now_s):
+            self.log_event(f"Route {routes.route} is taken: {routes.reason}")
+            self._tell_route()
 
     def _down(self, now_s: float) -> tuple[str, ...]:
         """Required engines that have not worked for a while: a restart is no reason to give things up."""
@@ -249,7 +267,7 @@ class Hub:
         if spent:
             self.work_ms = (1000 * sum(spent) / len(spent), 1000 * max(spent))
         for key, text in self.senses.look(self._telling()):
-            self._condition(key, text, f"{key} flows well again")
+            self.condition(key, text, f"{key} flows well again")
         self.reporter.report()
 
     def _optimize(self) -> None:
@@ -288,13 +306,18 @@ class Hub:
 
     def remember(self) -> None:
         """Keep for a later hub what it cannot find out."""
-        self.place.remember(
-            {
-                "policy": self.policy.policy,
-                "pinned": self.policy.pinned,
-                "base": self.steering.base,
-            }
-        )
+        self.recollection.remember()
+
+    async def _watch_master(self) -> None:
+        """All goes on without a Master; nobody new finds anybody meanwhile."""
+        while True:
+            trouble = ""
+            try:
+                await self.node.wait_for_master(_LOOK_FOR_MASTER_S)
+            except TimeoutError:
+                trouble = f"the Master at {self.node.master} does not answer"
+            self.condition("master", trouble, "the Master answers again", 0.0)
+            await asyncio.sleep(_LOOK_FOR_MASTER_S)
 
     # -- processes -----------------------------------------------------------------------------
 
@@ -307,6 +330,7 @@ class Hub:
                 self.log_error(happening.text, happening.component)
             else:
                 self.log_event(happening.text, happening.component)
+        self.remember()
 
     def settle(self) -> None:
         """The same, for services."""
@@ -331,6 +355,9 @@ class Hub:
                 task.add_done_callback(self._stops.discard)
 
     def _process_ended(self, name: str, how: str) -> None:
+        if self._is_ending:
+            self.chronicle.log_event(f"Stopped {name}", name)
+            return
         self.supervision.ended(name, how, time.monotonic())
         self._settle()
 
@@ -346,33 +373,38 @@ class Hub:
 
     def log_event(self, text: str, component: str = "") -> None:
         """Something happened."""
-        self.journal.log_system_event(text, self._stamp(), component)
-        logger.info("System Event: %s", text)
+        self.chronicle.log_event(text, component)
         self._publish_events()
 
     def log_error(self, text: str, component: str = "") -> None:
         """Something bad happened."""
-        self.journal.log_error(text, self._stamp(), component)
-        logger.error("%s", text)
+        self.chronicle.log_error(text, component)
         self._publish_events()
 
-    def _condition(self, key: str, text: str, over: str, calm_s: float = CALM_S) -> None:
-        entry = self.journal.condition(key, text, self._stamp(), over=over, calm_s=calm_s)
-        if entry is not None:
-            logger.log(logging.WARNING if entry.is_error else logging.INFO, "%s", entry.text)
-            self._publish_events()
+    def condition(self, key: str, text: str, over: str, calm_s: float = CALM_S) -> None:
+        """Something bad is so, or is not any more: told when it begins and when it ended."""
+        self.chronicle.condition(key, text, over, calm_s)
+        self._publish_events()
 
-    def _steering_trouble(self, engine: str, text: str) -> None:
+    def steering_trouble(self, engine: str, text: str) -> None:
+        """An engine does not take the policy, or takes it again."""
         # Told once each, so there is nothing to wait for.
-        self._condition(f"steering {engine}", text, f"{engine} takes the policy again", 0.0)
+        self.condition(f"steering {engine}", text, f"{engine} takes the policy again", 0.0)
 
     def _publish_events(self) -> None:
-        if self.outlets is not None:
-            for entry in self.journal.take_fresh():
+        # In DISCOVERY those who listened to an earlier hub are just being connected; in the end the node is gone.
+        if self._is_ending:
+            return
+        if self.outlets is not None and self.supervision.phase is not Phase.DISCOVERY:
+            for entry in self.chronicle.take_unsent():
                 self.outlets.events.publish(event_message(entry))
 
     def _tell_degradation(self) -> None:
         self.reporter.tell_degradation()
+
+    def _tell_route(self) -> None:
+        if self.routes is not None and self.outlets is not None:
+            self.outlets.route.publish(String(data=self.routes.route))
 
     def _stamp(self) -> int:
         return self.node.clock.now().nanoseconds

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 __all__ = ["CALM_S", "Entry", "Journal"]
@@ -34,16 +35,18 @@ class Journal:
 
     Args:
         keep: How many events, and how many errors.
+        before: What an earlier hub logged; numbers go on from there.
 
     Attributes:
         system_events: All of them.
         error_logs: The bad ones.
     """
 
-    def __init__(self, keep: int = 1000) -> None:
-        self.system_events: deque[Entry] = deque(maxlen=keep)
-        self.error_logs: deque[Entry] = deque(maxlen=keep)
-        self._number = 0
+    def __init__(self, keep: int = 1000, before: Iterable[Entry] = ()) -> None:
+        self.system_events: deque[Entry] = deque(before, maxlen=keep)
+        errors = (entry for entry in self.system_events if entry.is_error)
+        self.error_logs: deque[Entry] = deque(errors, maxlen=keep)
+        self._number = max((entry.number for entry in self.system_events), default=0)
         self._present: dict[str, int | None] = {}
         self._fresh: deque[Entry] = deque(maxlen=keep)
 
@@ -82,6 +85,10 @@ class Journal:
             return None
         del self._present[key]
         return self._add(over, stamp_ns, "", is_error=False) if over else None
+
+    def go_on(self, present: Iterable[str]) -> None:
+        """Conditions that an earlier hub has told of; they are over when they are seen not to be so."""
+        self._present.update(dict.fromkeys(present))
 
     @property
     def present(self) -> tuple[str, ...]:

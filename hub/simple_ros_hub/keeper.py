@@ -131,7 +131,8 @@ class ProcessKeeper:
                 os.killpg(process.pid, number)
                 os.killpg(process.pid, signal.SIGCONT)
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(process.over.wait(), patience_s)
+                async with asyncio.timeout(patience_s):
+                    await process.over.wait()
                 return
 
     async def close(self, *, leave_running: bool) -> None:
@@ -193,8 +194,9 @@ class ProcessKeeper:
         how = self._how(process)
         os.close(process.handle)
         process.over.set()
-        line = self.last_line(name) if how != "ended with code 0" else ""
-        self._on_end(name, f"{how} ({line})" if line and "killed" not in how else how)
+        says_why = process.is_child and how != "ended with code 0" and "killed" not in how
+        line = self.last_line(name) if says_why else ""
+        self._on_end(name, f"{how} ({line})" if line else how)
 
     def _how(self, process: _Process) -> str:
         if not process.is_child:

@@ -55,6 +55,7 @@ class Outlets:
     events: Outlet[SystemEvent]
     diagnostics: Outlet[DiagnosticArray]
     conflicts: Publisher[String]
+    route: Publisher[String]
 
     @classmethod
     async def open(cls, node: NodeHandle) -> Outlets:
@@ -74,6 +75,7 @@ class Outlets:
         made.degradation = await outlet("degradation", Degradation)
         made.events = await outlet("system_events", SystemEvent, QosProfile(depth=1000))
         made.conflicts = await node.advertise(f"/{NAMESPACE}/conflict_resolution", String)
+        made.route = await node.advertise(f"/{NAMESPACE}/route", String, qos=latched)
         publisher = await node.advertise("/diagnostics", DiagnosticArray, qos=QosProfile(depth=100))
         made.diagnostics = Outlet(publisher, node)
         return made

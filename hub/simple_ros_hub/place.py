@@ -14,6 +14,7 @@ from simple_ros.errors import SimpleRosError
 __all__ = ["HubRuns", "Place", "directory_for"]
 
 _ROOT = "SIMPLE_ROS_RUN_DIR"
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
 class HubRuns(SimpleRosError, RuntimeError):
@@ -76,13 +77,25 @@ class Place:
     def remember(self, facts: dict[str, Any]) -> None:
         """Keep facts for the next hub, all or nothing."""
         fresh = self.directory / ".state.json"
-        fresh.write_text(json.dumps(facts), encoding="utf-8")
+        fresh.write_text(json.dumps({**facts, "boot": _boot()}), encoding="utf-8")
         fresh.replace(self.directory / "state.json")
 
     def remembered(self) -> dict[str, Any]:
-        """What an earlier hub kept; nothing if there was none or it cannot be read."""
+        """What an earlier hub kept; nothing if there was none or it cannot be read.
+
+        What it says of processes (``hub``, ``pids``) is left out if the computer was started since.
+        """
         try:
             facts = json.loads((self.directory / "state.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return {}
-        return facts if isinstance(facts, dict) else {}
+        if not isinstance(facts, dict):
+            return {}
+        if facts.pop("boot", "") != _boot():
+            facts = {key: value for key, value in facts.items() if key not in ("hub", "pids")}
+        return facts
+
+
+def _boot() -> str:
+    """Of this run of the computer."""
+    return _BOOT.read_text(encoding="ascii").strip()

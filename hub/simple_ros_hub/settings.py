@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from simple_ros.node import NodeHandle
 from simple_ros_hub.conditions import SupervisionSettings
 from simple_ros_hub.coordination import ResourceLimits
+from simple_ros_hub.routes import routes_of
 
 __all__ = ["LIVE_LIMITS", "HubSettings", "declare_settings", "resource_limits"]
 
@@ -32,6 +33,7 @@ class HubSettings:
         optimization_interval_s: Between decisions about the policy.
         policy_dwell_s: How long a policy stays at least.
         flow_period_s: Expected between messages of the engines.
+        routes: Links to choose among, most preferred first; empty for no choice.
     """
 
     supervision: SupervisionSettings = field(default_factory=SupervisionSettings)
@@ -40,6 +42,7 @@ class HubSettings:
     optimization_interval_s: float = 10.0
     policy_dwell_s: float = 10.0
     flow_period_s: float = 1.0
+    routes: tuple[str, ...] = ()
 
 
 async def declare_settings(node: NodeHandle) -> HubSettings:
@@ -55,6 +58,9 @@ async def declare_settings(node: NodeHandle) -> HubSettings:
     recovery = await node.declare_parameter(
         "~recovery_enabled", True, description="Start what failed again", read_only=True
     )
+    routes = await node.declare_parameter(
+        "~routes", "", description="Links to choose among, the most preferred first", read_only=True
+    )
     return HubSettings(
         SupervisionSettings(
             await number("hung_after", 2.0, 0.6, 60, "Silence after which it is killed, s"),
@@ -69,6 +75,7 @@ async def declare_settings(node: NodeHandle) -> HubSettings:
         await number("global_optimization_interval", 10.0, 0.1, 3600, "Between policies, s"),
         await number("policy_dwell", 10.0, 0, 3600, "A policy stays at least, s"),
         await number("flow_period", 1.0, 0.01, 60, "Expected between engines' messages, s"),
+        routes_of(str(routes)),
     )
 
 

@@ -54,6 +54,7 @@ class Supervision:
         self._phase_begun_s = 0.0
         self._ticked_s: float | None = None
         self._is_discovered = False
+        self._listens_s = self.settings.discovery_s
         self._actions: list[Action] = []
         self._happenings: list[Happening] = []
         for component in components:
@@ -117,9 +118,30 @@ class Supervision:
         view.due_s = now_s + self.settings.inactive_after_s
         self._say(name, f"Taken over: process {pid} runs on")
 
-    def discovered(self) -> None:
-        """Configuration, Master and processes were looked through."""
+    def lost(self, name: str, pid: int) -> None:
+        """A process of an earlier hub has ended while there was no hub; it is started in its turn."""
+        view = self.view(name)
+        view.restarts += 1
+        self._say(
+            name,
+            f"{_title(view)} {name} failed: process {pid} ended while there was no hub",
+            is_error=True,
+        )
+
+    def was_stopped(self, name: str) -> None:
+        """Somebody had it stopped by hand, as an earlier hub knows: it stays so."""
+        view = self.view(name)
+        view.settled = True
+        self._turn(view, State.STOPPED, "stopped by hand")
+
+    def discovered(self, *, all_known: bool = False) -> None:
+        """Configuration, Master and processes were looked through.
+
+        Args:
+            all_known: Whether each component is one of an earlier hub, so that there is nobody to listen for.
+        """
         self._is_discovered = True
+        self._listens_s = 0.0 if all_known else self.settings.discovery_s
 
     def heard(self, name: str, state: str, detail: str, now_s: float) -> None:
         """A sign of life came; of one that is not looked after: nothing.
@@ -252,7 +274,7 @@ class Supervision:
     def _discovery(self, now_s: float) -> None:
         took_s = now_s - self._phase_begun_s
         is_late = took_s >= self.settings.discovery_timeout_s
-        if not is_late and not (self._is_discovered and took_s >= self.settings.discovery_s):
+        if not is_late and not (self._is_discovered and took_s >= self._listens_s):
             return
         if is_late and not self._is_discovered:
             self._note_late(

@@ -259,13 +259,13 @@ async def test_the_command_cell_limits_and_holds(master: Master, robot: Robot) -
         await robot.heard(remote, robot.channel, robot.level)
         await until(lambda: cell._publisher and cell._publisher.subscriber_count, "a robot")
         command(0.5)
-        await until(lambda: [m.linear.x for m in driven] == [0.5], "a command")
+        await until(lambda: [m.linear.x for m in driven][:1] == [0.5], "a command")
         await until(lambda: [m.linear.x for m in driven] == [0.5, 0.0], "a hold after silence")
         assert cell.guard.holds == 1
         robot.channel.publish(ChannelState(link_id="4601", rtt_ms=800))
         await until(lambda: cell.guard.limits.max_speed_mps == pytest.approx(0.8), "slower")
         command(3.0)
-        await until(lambda: len(driven) == 3, "a limited command")
+        await until(lambda: len(driven) >= 3, "a limited command")
         assert driven[2].linear.x == pytest.approx(0.8)
         robot.level.publish(Degradation(level=3, min_priority=5, rate_factor=0.25, name="SAFE"))
         await until(lambda: driven[-1].linear.x == 0, "a hold at level SAFE")
@@ -277,4 +277,10 @@ async def test_the_command_cell_limits_and_holds(master: Master, robot: Robot) -
 
 async def test_cell_list() -> None:
     cells = await run_json("cell", "list")
-    assert [cell["name"] for cell in cells] == ["camera", "command", "lidar", "telemetry"]
+    assert [cell["name"] for cell in cells] == [
+        "camera",
+        "command",
+        "courier",
+        "lidar",
+        "telemetry",
+    ]

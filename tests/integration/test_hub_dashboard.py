@@ -22,7 +22,7 @@ from simple_ros_master import Master
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs chromium")
 
-LONG_S = 40.0
+LONG_S = 60.0
 ROW = "#component-cross_domain_engine"
 
 

@@ -29,20 +29,20 @@ async def topics_of_the_layout() -> set[str]:
     return plotted | shown | raw | (pictures - {None})
 
 
-@pytest.mark.timeout(150)
+@pytest.mark.timeout(240)
 async def test_both_runs_are_driven_seen_and_plotted(tmp_path: Path) -> None:
     wanted, master = await topics_of_the_layout(), ""
     plot = tmp_path / "both.svg"
     words = ("--laps", "1.5", "--speed", "20", "--plot", str(plot))
     ports = ("--dashboard", "0", "--foxglove-port", "0")
     async with python(*DEMO, *words, *ports) as process:
-        while not (link := await process.line(40)).startswith("in Foxglove: open "):
+        while not (link := await process.line(60)).startswith("in Foxglove: open "):
             pass
         port = int(link.partition(";")[0].rpartition("%3A")[2])
         address, protocol = f"ws://127.0.0.1:{port}", Subprotocol("foxglove.sdk.v1")
         async with connect(address, subprotocols=[protocol]) as app:
             while wanted:
-                said = await asyncio.wait_for(app.recv(), 20)
+                said = await asyncio.wait_for(app.recv(), 30)
                 channels = json.loads(said).get("channels", ()) if isinstance(said, str) else ()
                 wanted -= {channel["topic"] for channel in channels}
         while "engines on" not in (line := await process.line(60)):

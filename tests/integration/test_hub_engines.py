@@ -49,7 +49,7 @@ class Chain:
             "/wireless_ros/transmission_strategy", TransmissionStrategy, self.strategies.append
         )
         for publisher in (self._metrics, self._constraints, self.grants):
-            await publisher.wait_for_subscribers(1, timeout=20)
+            await publisher.wait_for_subscribers(1, timeout=30)
 
     async def strategy(self) -> TransmissionStrategy:
         """What the engine makes of a link that 20 Mbit/s shall go over; from no loss it learns nothing."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import mmap
 import threading
 from collections.abc import Mapping
 from typing import Any
@@ -223,14 +224,16 @@ def test_long_idle_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
 def test_cpu_and_memory_are_measured() -> None:
     meter = ResourceMeter()
     first = meter.read(0.0)
-    block = bytearray(30_000_000)
+    # Fresh pages, whatever the process has left of earlier blocks.
+    block = mmap.mmap(-1, 30_000_000)
+    block.write(b"x" * len(block))
     total = sum(i * i for i in range(2_000_000))
     second = meter.read(1.0)
     assert total
     assert second.cpu_percent > 1
     assert second.memory_bytes - first.memory_bytes > 20_000_000
     assert second.threads >= 1
-    del block
+    block.close()
 
 
 def test_constraints_and_channel_reach_children() -> None:

@@ -18,6 +18,7 @@ from simple_ros.msg.wireless_ros_msgs import (
     PhyLayerMetrics,
     TransmissionStrategy,
 )
+from simple_ros_engines.modes import Intake, Mode
 from simple_ros_hub.breaker import BreakerState, CircuitBreaker
 from simple_ros_hub.components import (
     Kind,
@@ -268,6 +269,30 @@ def test_a_wish_does_not_shrink_with_its_grant() -> None:
     # Cut down to 10 blocks, it may send 4 Mbit/s of the 20 it could.
     assert wished_blocks(strategy("1", 10, 4e6), wide) == 50
     assert wished_blocks(strategy("1", 10, 4e6), None) == 10
+
+
+def test_one_link_alone_is_no_conflict_however_much_it_wishes() -> None:
+    coordinator = Coordinator()
+    coordinator.metrics(PhyLayerMetrics(link_id="a", prb_total=51, link_quality=1), 0.0)
+    coordinator.strategy(TransmissionStrategy(link_id="a", target_prb=130, priority=3), 0.0)
+    shared = coordinator.share(0.0)
+    assert (shared.blocks.requested, shared.blocks.granted) == (51, 51)
+    assert not shared.blocks.is_conflict
+    # How much it would like is load all the same.
+    assert coordinator.load == pytest.approx(130 / 51)
+
+
+def test_a_steady_link_is_told_of_in_mode_optimized_too() -> None:
+    intake: Intake[int] = Intake(Mode.OPTIMIZED, differs=lambda a, b: a != b, refresh_ticks=5)
+    told = []
+    for _ in range(50):
+        intake.offer("a", 7)
+        told += intake.tick()
+    # Whoever is behind takes a silent link for a dead one.
+    assert told == [7] * 10
+    # What says nothing any more is not told of.
+    for _ in range(50):
+        assert intake.tick() == []
 
 
 def test_sharing_among_links() -> None:

@@ -249,6 +249,27 @@ def test_processes_of_an_earlier_hub_are_taken_over() -> None:
     assert world.machine.view("radio").restarts == 0
 
 
+def test_what_ended_while_there_was_no_hub_is_told_and_started_at_once() -> None:
+    world = World(RADIO, CROSS, EYE)
+    world.pids["cross"] = 78
+    world.machine.found("cross", 78, world.now)
+    world.machine.lost("radio", 77)
+    world.machine.was_stopped("eye")
+    world.machine.discovered(all_known=True)
+    world.run(0.2)
+    # There is nobody to listen for: each is known from before.
+    assert world.starts == ["radio"]
+    world.run(4)
+    assert world.errors == ["Required engine radio failed: process 77 ended while there was no hub"]
+    assert world.machine.view("radio").restarts == 1
+    assert world.state("eye") is State.STOPPED
+    assert (world.machine.phase, world.machine.reasons()) == (Phase.OPERATION, [])
+    world.machine.start("eye")
+    world.settle()
+    world.run(1)
+    assert world.state("eye") is State.ACTIVE
+
+
 def test_one_that_was_taken_over_and_hangs_is_killed() -> None:
     world = World(RADIO)
     world.pids["radio"] = 77

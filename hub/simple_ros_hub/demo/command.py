@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import json
+import logging
 import math
 import os
 import signal
@@ -33,9 +35,12 @@ _STOP_WITHIN_S = 8.0
 _LAYOUT = _FOLDER / "layout.json"
 _HUB_WORDS = (
     "--set=radio_info_engine.source=link_shaper",
-    "--set=camera_cell.image_format=jpeg",
     "--set=command_cell.safe_distance=2.0",
     "--cell=camera,lidar,telemetry,command",
+)
+_NO_JPEG = (
+    "Pillow is not installed: with engines on, pictures get smaller and fewer, but no JPEG "
+    "(pip install 'simple-ros[camera]')"
 )
 
 
@@ -77,6 +82,8 @@ def wireless(
     if layout:
         typer.echo(_LAYOUT.read_text(encoding="utf-8").rstrip())
         return
+    # What is still on its way when the operator turns to other topics is no news.
+    logging.getLogger("simple_ros.router").setLevel(logging.ERROR)
     bridge = None if no_foxglove else foxglove_port
     demo = WirelessDemo(laps or math.inf, speed)
     try:
@@ -99,6 +106,7 @@ class WirelessDemo:
     def __init__(self, laps: float, speed_mps: float) -> None:
         self.seconds: list[Second] = []
         self._laps, self._speed_mps = laps, speed_mps
+        self._has_jpeg = importlib.util.find_spec("PIL") is not None
         self._master = ""
         self._shaper = ""
         self._children: list[tuple[str, ChildProcess]] = []
@@ -113,12 +121,14 @@ class WirelessDemo:
         Raises:
             DemoFailed: A program ended by itself.
         """
+        if not self._has_jpeg:
+            self._say(_NO_JPEG)
         async with AsyncExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             await self._start_programs(stack, folder, dashboard, foxglove_port)
             os.environ.update(self._environment("edge"))
             async with aio.NodeHandle(NODE_NAME, master=self._master) as node:
-                operator = Operator(node, self._speed_mps, self._told)
+                operator = Operator(node, self._speed_mps, self._told, jpeg=self._has_jpeg)
                 await operator.open()
                 self._say(
                     f"engines are off; switch them: SIMPLE_ROS_MASTER={self._master} "
@@ -193,7 +203,11 @@ class WirelessDemo:
         self._shaper = (await self._line(shaper, "listening on ")).rpartition(" ")[2]
         robot = self._environment("robot")
         await self._start(stack, "robot", ("simple_ros_hub.demo.robot", *at_master), robot)
-        words = ("simple_ros_hub", *_HUB_WORDS, "--dashboard", str(dashboard), *at_master)
+        image_format = "jpeg" if self._has_jpeg else "raw"
+        words = (
+            *("simple_ros_hub", *_HUB_WORDS, f"--set=camera_cell.image_format={image_format}"),
+            *("--dashboard", str(dashboard), *at_master),
+        )
         hub = await self._start(
             stack, "hub", words, {**robot, "SIMPLE_ROS_RUN_DIR": str(folder / "run")}
         )

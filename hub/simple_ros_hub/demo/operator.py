@@ -29,12 +29,7 @@ _LATE_S = 0.5
 _SEEN = "/operator/image_raw"
 _TOPICS: dict[bool, tuple[str, str, str, str]] = {
     False: ("/plain/pose", "/camera/image_raw", "/lidar/points", "/plain/cmd_vel"),
-    True: (
-        "/robot/pose",
-        "/camera/cell/image_raw/compressed",
-        "/lidar/cell/points",
-        "/cmd_vel/remote",
-    ),
+    True: ("/robot/pose", "/camera/cell/image_raw", "/lidar/cell/points", "/cmd_vel/remote"),
 }
 """Pose, pictures, points, commands; by whether engines are on."""
 
@@ -57,6 +52,7 @@ class Operator:
         node: Started, at a site without radio.
         speed_mps: How fast the robot shall drive.
         told: Called with each second's numbers.
+        jpeg: Whether the camera cell sends JPEG.
 
     Attributes:
         engines: Whether they are on.
@@ -64,13 +60,19 @@ class Operator:
     """
 
     def __init__(
-        self, node: aio.NodeHandle, speed_mps: float, told: Callable[[Second], None]
+        self,
+        node: aio.NodeHandle,
+        speed_mps: float,
+        told: Callable[[Second], None],
+        *,
+        jpeg: bool = True,
     ) -> None:
         self.engines = False
         self.laps = 0.0
         self._node = node
         self._speed_mps = speed_mps
         self._told = told
+        self._jpeg_comes = jpeg
         self._heard = _Heard()
         self._counted: tuple[int, int] | None = None
         self._listening: list[Any] = []
@@ -111,7 +113,8 @@ class Operator:
                 await subscriber.close()
             pose, pictures, points, _ = _TOPICS[on]
             subscribe = self._node.subscribe
-            kind = CompressedImage if on else Image
+            kind = CompressedImage if on and self._jpeg_comes else Image
+            pictures += "/compressed" if kind is CompressedImage else ""
             cloud = PointCloud2.DESCRIPTOR.full_name
             self._listening = [
                 await subscribe(pose, PoseStamped, self._pose),

@@ -34,6 +34,7 @@ DEAD_ZONE = (50.0, 35.0, 6.0)
 _CELL_M = 1.0
 _SIZE_M = (100, 50)
 _CORNER_M = (-5.0, -5.0)
+_PATH_ABOVE_M = 0.1
 _PIXELS = (320, 240)
 _POINTS = 3000
 
@@ -100,10 +101,12 @@ def pose_message(place: tuple[float, float, float]) -> PoseStamped:
 
 
 def planned_path() -> Path:
-    """The round as a path."""
+    """The round as a path, a little above the floor: lines in the plane of a map are hidden by it."""
     path = Path()
     path.header.frame_id = FRAME
     path.poses.extend(pose_message((x, y, 0.0)) for x, y in ROUTE)
+    for pose in path.poses:
+        pose.pose.position.z = _PATH_ABOVE_M
     return path
 
 
