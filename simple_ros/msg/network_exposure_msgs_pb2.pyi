@@ -490,6 +490,7 @@ class QosAdvice(_message.Message):
     ERROR_RATE_FIELD_NUMBER: _builtins.int
     QCI_FIELD_NUMBER: _builtins.int
     CLEAR_FIELD_NUMBER: _builtins.int
+    VALID_S_FIELD_NUMBER: _builtins.int
     topic: _builtins.str
     latency_budget_ms: _builtins.float
     """0: as measured"""
@@ -499,6 +500,8 @@ class QosAdvice(_message.Message):
     """this one; 0: what the mapper selects"""
     clear: _builtins.bool
     """no advice any more"""
+    valid_s: _builtins.float
+    """counts for so long unless it is said again; 0: until somebody says otherwise"""
     def __init__(
         self,
         *,
@@ -507,10 +510,11 @@ class QosAdvice(_message.Message):
         error_rate: _builtins.float = ...,
         qci: _builtins.int = ...,
         clear: _builtins.bool = ...,
+        valid_s: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clear", b"clear", "error_rate", b"error_rate", "latency_budget_ms", b"latency_budget_ms", "qci", b"qci", "topic", b"topic"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clear", b"clear", "error_rate", b"error_rate", "latency_budget_ms", b"latency_budget_ms", "qci", b"qci", "topic", b"topic", "valid_s", b"valid_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

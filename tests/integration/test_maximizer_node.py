@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -117,6 +118,9 @@ async def test_a_policy_is_followed_and_put_back_at_the_end(master: Master, tmp_
             # Two intervals of 50 ms, one and a half of them.
             await until(lambda: around.budgets_ms == {TOPICS[0]: 100, TOPICS[1]: 75}, "the advice")
             await until(lambda: around.throttles[TOPICS[0]].drop_every_nth == 2, "the throttle")
+            # Who is killed cannot take anything back: it ends by itself.
+            assert all(one.valid_s > 0 for one in around.advice.values())
+            assert all(one.valid_s > 0 for one in around.throttles.values())
             # What is asked of the network is not tried on the topic, too.
             assert around.throttles[TOPICS[0]].delay_ms == 0
             await until(lambda: any(one.speed_factor == 2 for one in around.asked), "the speed")
@@ -183,21 +187,25 @@ async def test_a_refused_request_slows_the_application_too(master: Master, tmp_p
     async with system(master) as around:
         states = await around.node.advertise("/network_flow_state", FlowQosArray, qos=LATCHED)
 
-        def state_is(state: str) -> None:
+        def state_is(state: str, requests: int) -> None:
             told = FlowQosArray()
-            told.flows.add(topic=TOPICS[0], state=state, is_refused=state == "failed")
+            told.flows.add(
+                topic=TOPICS[0], state=state, is_refused=state == "failed", requests=requests
+            )
             states.publish(told)
 
+        tries = count(2)
         async with at_work(Maximizer(), master, policy=str(policy(tmp_path)), **QUICK):
             await until(lambda: around.budgets_ms == {TOPICS[0]: 100, TOPICS[1]: 75}, "the advice")
             # Not served before anything was downgraded: that is no depletion.
-            state_is("failed")
+            state_is("failed", 1)
             around.asked.clear()
             around.said(QosNotification.DOWNGRADED)
             await until(lambda: around.budgets_ms[TOPICS[0]] == 200, "less")
 
             def refused_again() -> bool:
-                state_is("failed")
+                # The lower request, as often as it is tried.
+                state_is("failed", next(tries))
                 return any(one.rate_factor < 1 for one in around.asked)
 
             await until(refused_again, "the adaptation")

@@ -107,6 +107,7 @@ async def test_it_shows_what_the_network_gives_and_asks(master: Master) -> None:
         asking = await node.advertise("application_adaptation_request", AdaptationRequest)
         told = FlowQosArray()
         told.flows.add(topic=TOPICS[0], state="degraded", qci=83, applied_qci=9)
+        told.flows.add(topic=TOPICS[0], state="active", qci=83)
         told.flows.add(topic=TOPICS[1], state="active", qci=84)
         states.publish(told)
         await until(lambda: asking.subscriber_count)
@@ -121,6 +122,10 @@ async def test_it_shows_what_the_network_gives_and_asks(master: Master) -> None:
             return {one["name"]: one["network"] for one in engine.state()["topics"]}
 
         await until(lambda: network() == {TOPICS[0]: "QCI 9 instead of 83", TOPICS[1]: "QCI 84"})
+        assert not engine.state()["simulated"]
+        states.publish(FlowQosArray(is_simulated=True))
+        await until(lambda: network() == dict.fromkeys(TOPICS, ""), "released")
+        assert engine.state()["simulated"]
         asking.publish(AdaptationRequest(speed_factor=1, rate_factor=1, requester="m"))
         asking.publish(
             AdaptationRequest(group="turtle1", speed_factor=1, rate_factor=1, requester="m")
@@ -168,6 +173,13 @@ async def test_a_person_groups_and_gives_stars_in_a_browser(master: Master, tmp_
         async with opened(engine.url, tmp_path) as page:
             await page.becomes("document.querySelectorAll('#topics input').length === 2")
             await page.becomes("document.querySelector('#topics').textContent.includes('62.5')")
+            await page.evaluate(
+                "document.getElementById('group-name').value = 'kept';"
+                "document.querySelector('#new-group button').click()"
+            )
+            answer = "document.getElementById('answer').textContent"
+            await page.becomes(f"{answer} === 'a group needs topics'", "a refusal")
+            assert await page.evaluate("document.getElementById('group-name').value") == "kept"
             for topic in TOPICS:
                 await page.evaluate(
                     f"document.querySelector('#topics input[value=\"{topic}\"]').click()"

@@ -93,7 +93,7 @@ async def channels(link: str, wanted: set[str]) -> None:
 @pytest.mark.timeout(500)
 async def test_the_whole_story_is_played_and_nothing_is_left(tmp_path: Path) -> None:
     wanted, bag = await topics_of_the_layout(), tmp_path / "story.mcap"
-    words = ("--pace", "5", "--setup", "0.3", "--rounds", "1", "--foxglove-port", "0")
+    words = ("--pace", "3", "--setup", "0.3", "--rounds", "1", "--foxglove-port", "0")
     async with python(*DEMO, *ANY, *words, "--record", str(bag)) as process:
         told = Told(process)
         for text in ("turtles: ", "scores: "):

@@ -781,12 +781,23 @@ async def test_mock_command_and_control() -> None:
         assert state["simulated"]
         assert state["settings"]["capacity_bps"] == 5
         assert state["faults"]["is_down"]
+        for wrong in ("bogus=1", "setup_s=-1", "status=9999"):
+            code, out_text, errors = await run("network", "control", wrong, "--url", url)
+            assert (code, out_text) == (1, "")
+            assert errors.startswith("error: ")
+            assert wrong.partition("=")[0] in errors
         mock.send_signal(signal.SIGINT)
         assert await mock.wait() == 0
     finally:
         if mock.returncode is None:
             mock.kill()
             await mock.wait()
+
+
+async def test_control_says_that_there_is_no_network() -> None:
+    code, _, errors = await run("network", "control", "--url", "http://127.0.0.1:1")
+    assert code == 1
+    assert errors.strip().endswith("is 'simple-ros network mock' running there?")
 
 
 async def test_classes_command() -> None:

@@ -15,8 +15,10 @@ from simple_ros.msg.network_exposure_msgs import (
 )
 from simple_ros.msg.turtlesim_msgs import AdaptationRequest, ControlStatus
 from simple_ros_engines.network_exposure.demo.narrator import Line, Narrator
-from simple_ros_engines.network_exposure.demo.story import Act, Story
+from simple_ros_engines.network_exposure.demo.story import WINDOW_S, Act, Pacing, Story
+from simple_ros_engines.network_exposure.qci import qos_class
 
+PACING = Pacing(10.0)
 TOPICS = frozenset({"turtle1/pose", "turtle1/cmd_vel", "turtle2/pose"})
 
 
@@ -25,7 +27,11 @@ def flows(state: str = "active", **qcis: int) -> FlowQosArray:
     told = FlowQosArray(is_simulated=True)
     for topic in sorted(TOPICS):
         qci = qcis.get(topic.replace("/", "_"), 83)
-        told.flows.add(topic=topic, state=state, qci=qci, session_id="s")
+        row = qos_class(qci)
+        assert row is not None
+        told.flows.add(
+            topic=topic, state=state, qci=qci, session_id="s", delay_budget_ms=row.delay_ms
+        )
     return told
 
 
@@ -36,8 +42,24 @@ def words(lines: list[Line]) -> list[tuple[str, str]]:
 # -- the story ---------------------------------------------------------------------------------------
 
 
+def test_the_usual_pace_gives_a_step_the_time_it_takes() -> None:
+    usual = Pacing()
+    assert (usual.dwell_s, usual.period_s, usual.settle_s, usual.patience_s) == (5, 1, 8, 30)
+
+
+@pytest.mark.parametrize("setup_s", [0.3, 2.0, 40.0])
+@pytest.mark.parametrize("pace_s", [0.1, 3.0, 15.0, 60.0])
+def test_nobody_is_slowed_down_while_a_lower_request_is_still_under_way(
+    pace_s: float, setup_s: float
+) -> None:
+    pacing = Pacing(pace_s, setup_s)
+    assert pacing.settle_s > pacing.dwell_s + setup_s
+    assert pacing.patience_s > WINDOW_S + pacing.dwell_s + setup_s
+    assert pacing.calm_s > pacing.dwell_s
+
+
 def test_it_begins_when_all_is_served() -> None:
-    story = Story(TOPICS, 10.0)
+    story = Story(TOPICS, PACING)
     assert story.tick(0.0) is None
     story.flows_are(flows("pending"))
     assert story.tick(50.0) is None
@@ -47,13 +69,29 @@ def test_it_begins_when_all_is_served() -> None:
     assert (step.act, step.least_delay_ms) == (Act.AT_EASE, 0)
 
 
+@pytest.mark.parametrize(("score", "begins_s"), [(4.8, 63.0), (3.0, 80.0)])
+def test_the_maximizer_waits_for_good_scores_but_not_for_ever(
+    score: float, begins_s: float
+) -> None:
+    story = Story(TOPICS, PACING)
+    story.flows_are(flows())
+    story.scored("turtle1", 4.9)
+    story.scored("turtle2", 1.0)
+    assert story.tick(60.0) is None
+    story.scored("turtle2", score)
+    assert (story.tick(63.0) is not None) == (begins_s == 63.0)
+    if begins_s > 63.0:
+        assert story.tick(79.9) is None
+        assert story.tick(begins_s) is not None
+
+
 def test_it_loads_the_cell_twice_lets_it_recover_and_begins_again() -> None:
-    story = Story(TOPICS, 10.0)
+    story = Story(TOPICS, PACING)
     story.flows_are(flows(turtle1_cmd_vel=84, turtle2_pose=84))
     story.tick(0.0)
     story.eased(3.0)
     assert story.tick(9.9) is None
-    story.eased(5.0)
+    story.eased(5.6)
     assert story.tick(10.9) is None
     step = story.tick(11.0)
     # The tightest class has 10 ms.
@@ -82,8 +120,41 @@ def test_it_loads_the_cell_twice_lets_it_recover_and_begins_again() -> None:
     assert (step.act, story.rounds) == (Act.SHORT, 1)
 
 
+@pytest.mark.parametrize(
+    ("before", "less", "again"),
+    [
+        # A class of the short time in which a rate is not steady.
+        ((80, 48.0), (75, 64.0), (84, 49.3)),
+        # A need of 75 ms was served by what had been asked for one of 50 ms.
+        ((84, 50.0), (71, 200.0), (84, 75.0)),
+    ],
+)
+def test_who_asks_for_as_much_as_before_is_back(
+    before: tuple[int, float], less: tuple[int, float], again: tuple[int, float]
+) -> None:
+    story = Story(TOPICS, PACING)
+    asked = flows(turtle1_pose=84)
+    for flow in asked.flows:
+        flow.qci, flow.delay_budget_ms = before
+    story.flows_are(asked)
+    story.tick(0.0)
+    story.eased(0.0)
+    for now_s, act in ((20.0, Act.SHORT), (40.0, Act.SHORTER)):
+        step = story.tick(now_s)
+        assert step is not None
+        assert step.act is act
+        story.slowed("turtle1", is_slowed=True)
+    assert story.tick(60.0) is not None
+    story.slowed("turtle1", is_slowed=False)
+    for now, is_over in ((less, False), (again, True)):
+        for flow in asked.flows:
+            flow.qci, flow.delay_budget_ms = now
+        story.flows_are(asked)
+        assert (story.tick(80.0) is not None) == is_over
+
+
 def test_what_does_not_happen_ends_no_story() -> None:
-    story = Story(TOPICS, 10.0)
+    story = Story(TOPICS, PACING)
     story.flows_are(flows())
     story.tick(0.0)
     assert story.tick(100.0) is None, "the maximizer has not done anything"

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar
 
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 
 from simple_ros.errors import ConfigError
 from simple_ros.graph import GraphNode, GraphSnapshot, TopicKey
+from simple_ros_engines.network_exposure.mock.faults import sorted_out
 from simple_ros_engines.network_exposure.raw import RawCodec, raw_class
 from simple_ros_engines.network_exposure.relay_plan import PlanSettings, Wanted, plan
 from simple_ros_engines.network_exposure.reorder import (
@@ -313,3 +315,31 @@ class TestRaw:
 def test_meter_window_has_limits() -> None:
     with pytest.raises(ConfigError, match="window_s"):
         FlowMeter(1.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"take_status": 1}, "take_status"),
+        ({"setup_s": -1}, "setup_s"),
+        ({"setup_s": math.nan}, "setup_s"),
+        ({"capacity_bps": "5"}, "capacity_bps"),
+        ({"max_bearers": 1.5}, "max_bearers"),
+        ({"is_down": 1}, "is_down"),
+        ({"delay_s": True}, "delay_s"),
+        ({"status": 42}, "status"),
+        ({"status_count": -2}, "status_count"),
+        ({"least_delay_ms": None}, "least_delay_ms"),
+    ],
+)
+def test_the_mock_network_is_not_set_to_nonsense(changes: dict[str, object], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        sorted_out(changes)
+
+
+def test_settings_and_faults_of_the_mock_network_are_told_apart() -> None:
+    changes = {"setup_s": 0, "least_delay_ms": 31.5, "status": 503, "status_count": -1}
+    assert sorted_out(changes) == (
+        {"setup_s": 0, "least_delay_ms": 31.5},
+        {"status": 503, "status_count": -1},
+    )

@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+import pytest
+
+from simple_ros.errors import ConfigError
 from simple_ros.msg.network_exposure_msgs import (
     Locator,
     QosAdvice,
@@ -291,16 +295,49 @@ class TestWatcherCore:
     def test_advice_counts_in_mode_ai_only(self) -> None:
         for mode, qci in ((Mode.AI, 9), (Mode.DYNAMIC, 84)):
             core = self.core(mode=mode)
-            core.advised(QosAdvice(topic="/pose", qci=9))
+            core.advised(QosAdvice(topic="/pose", qci=9), 0)
             core.flows_came(flows(flow()), 0)
             core.stats_came(stats(messages=50), 1)
             core.stats_came(stats(messages=70), 3)
             carry_out(core, 3)
             assert core.status()[0].qci == qci
-            core.advised(QosAdvice(topic="pose", clear=True))
+            core.advised(QosAdvice(topic="pose", clear=True), 4)
             core.stats_came(stats(messages=90), 5)
             carry_out(core, 5)
             assert core.status()[0].qci == 84
+
+    def test_advice_ends_by_itself_unless_it_is_said_again(self) -> None:
+        core = self.core(mode=Mode.AI)
+        core.flows_came(flows(flow()), 0)
+        asked = []
+        for now_s, messages in ((1, 50), (3, 70), (5, 90), (7, 110)):
+            if now_s < 5:
+                core.advised(QosAdvice(topic="pose", qci=9, valid_s=3), now_s)
+            core.stats_came(stats(messages=messages), now_s)
+            carry_out(core, now_s)
+            asked.append(core.status()[0].qci)
+        assert asked[1:] == [9, 9, 84]
+        assert core.advice == {}
+
+    @pytest.mark.parametrize(
+        "numbers",
+        [
+            {"latency_budget_ms": -1.0},
+            {"latency_budget_ms": math.nan},
+            {"latency_budget_ms": math.inf},
+            {"error_rate": 1.0},
+            {"error_rate": -0.1},
+            {"valid_s": -1.0},
+            {"valid_s": math.nan},
+        ],
+    )
+    def test_advice_without_sense_changes_nothing(self, numbers: dict[str, float]) -> None:
+        core = self.core(mode=Mode.AI)
+        core.advised(QosAdvice(topic="pose", qci=9), 0)
+        before = dict(core.advice)
+        with pytest.raises(ConfigError, match="must be"):
+            core.advised(QosAdvice(topic="pose", **numbers), 1)  # type: ignore[arg-type]
+        assert core.advice == before
 
     def test_tunnels_are_asked_for_before_they_are_used(self) -> None:
         core = self.core()

@@ -139,7 +139,7 @@ def _values(changes: list[str]) -> dict[str, object]:
 async def _control(changes: dict[str, object], url: str, path: str = "/mock/control") -> None:
     from simple_ros_engines.network_exposure.exposure.api import ApiClient
     from simple_ros_engines.network_exposure.exposure.http import StandardTransport
-    from simple_ros_engines.network_exposure.exposure.model import ExposureError
+    from simple_ros_engines.network_exposure.exposure.model import ApiUnavailable, ExposureError
 
     client = ApiClient(url, StandardTransport())
     try:
@@ -148,7 +148,9 @@ async def _control(changes: dict[str, object], url: str, path: str = "/mock/cont
         else:
             answer = await client.call("GET", "/mock/state")
     except ExposureError as error:
-        raise typer.BadParameter(str(error)) from error
+        hint = "; is 'simple-ros network mock' running there?"
+        typer.echo(f"error: {error}{hint if isinstance(error, ApiUnavailable) else ''}", err=True)
+        raise typer.Exit(1) from error
     typer.echo(json.dumps(answer.data, indent=2))
 
 

@@ -308,5 +308,5 @@ class FlowSession:
     def _forget_session(self) -> None:
         self.session_id = ""
         self.asked = self.applied_qci = None
-        self._monitored = self._pending = self._degraded = False
+        self._monitored = self._pending = self._degraded = self.is_refused = False
         self._renew_at = self._differs_since = None

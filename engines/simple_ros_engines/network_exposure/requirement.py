@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from simple_ros.errors import ConfigError
 from simple_ros_engines.network_exposure.qci import (
     AVERAGING_WINDOW_MS,
     ResourceType,
@@ -53,11 +54,22 @@ class Advice:
         budget_ms: Latency budget.
         error_rate: Largest share of lost packets.
         qci: This class, whatever is needed.
+        ends_s: When it ends by itself, unless it is said again: who gave it may be dead.
+
+    Raises:
+        ConfigError: A number makes no sense.
     """
 
     budget_ms: float = 0.0
     error_rate: float = 0.0
     qci: int = 0
+    ends_s: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.budget_ms < math.inf:
+            raise ConfigError(f"latency_budget_ms must be a number of ms, not {self.budget_ms:g}")
+        if not 0 <= self.error_rate < 1:
+            raise ConfigError(f"error_rate must be 0 to 1, not {self.error_rate:g}")
 
 
 def delay_needed_ms(rate_hz: float, profile: FlowProfile, budget_ms: float = 0.0) -> float:

@@ -9,7 +9,7 @@ from http import HTTPStatus
 from typing import Any, ClassVar
 
 from simple_ros.engine import Engine
-from simple_ros.errors import SimpleRosError
+from simple_ros.errors import ConfigError, SimpleRosError
 from simple_ros.msg.network_exposure_msgs import (
     FlowQosArray,
     QosAdvice,
@@ -127,9 +127,15 @@ class TopicWatcher(Engine):
         )
 
     async def _subscribe(self, node: NodeHandle) -> None:
-        await node.subscribe(ADVICE_TOPIC, QosAdvice, lambda told: self.core.advised(told))
+        await node.subscribe(ADVICE_TOPIC, QosAdvice, self._advised)
         await node.subscribe(FLOWS_TOPIC, UniqueTopicFlows, self._flows, qos=LATCHED_FLOWS)
         await node.subscribe(STATS_TOPIC, UniqueTopicFlowStats, self._stats)
+
+    def _advised(self, message: QosAdvice) -> None:
+        try:
+            self.core.advised(message, _now_s())
+        except ConfigError as error:
+            logger.warning("advice for %s is not followed: %s", message.topic, error)
 
     def _flows(self, message: UniqueTopicFlows) -> None:
         self.core.flows_came(message, _now_s())

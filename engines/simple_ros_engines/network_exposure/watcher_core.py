@@ -5,8 +5,10 @@ It is told messages, results and the time; `look` says which commands are due.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
+from simple_ros.errors import ConfigError
 from simple_ros.msg.network_exposure_msgs import (
     FlowQos,
     QosAdvice,
@@ -189,13 +191,12 @@ class WatcherCore:
     def _mapped(
         self, known: WatchedFlow, stat: UniqueTopicFlowStat, now_s: float
     ) -> Selection | None:
-        is_ai = self._settings.session.mode is Mode.AI
         return known.mapper.look(
             traffic_of(stat),
             stat.window_burst,
             profile_of(known.message),
             now_s,
-            self.advice.get(known.message.topic.strip("/")) if is_ai else None,
+            self._advice_of(known.message.topic, now_s),
         )
 
     def _tunnel_measured(
@@ -247,13 +248,29 @@ class WatcherCore:
                 self._steered[source] = qci
                 self.steering.append(TunnelSelect(topic=source, qci=qci))
 
-    def advised(self, message: QosAdvice) -> None:
-        """A policy told what to ask for on a topic."""
-        topic = message.topic.strip("/")
+    def advised(self, message: QosAdvice, now_s: float) -> None:
+        """A policy told what to ask for on a topic.
+
+        Raises:
+            ConfigError: It makes no sense; what was told before stands.
+        """
+        topic, valid_s = message.topic.strip("/"), message.valid_s
         if message.clear:
             self.advice.pop(topic, None)
-        else:
-            self.advice[topic] = Advice(message.latency_budget_ms, message.error_rate, message.qci)
+            return
+        if not 0 <= valid_s < math.inf:
+            raise ConfigError(f"valid_s must be a number of seconds, not {valid_s:g}")
+        ends_s = now_s + valid_s if valid_s else math.inf
+        self.advice[topic] = Advice(
+            message.latency_budget_ms, message.error_rate, message.qci, ends_s
+        )
+
+    def _advice_of(self, topic: str, now_s: float) -> Advice | None:
+        """What to ask for on a topic, if somebody says so and has not died since."""
+        if self._settings.session.mode is not Mode.AI:
+            return None
+        known = self.advice.get(topic.strip("/"))
+        return None if known is None or now_s >= known.ends_s else known
 
     def told(self, notification: Notification, now_s: float) -> WatchedFlow | None:
         """The network said something; about which flow, if that is known."""
@@ -288,6 +305,7 @@ class WatcherCore:
     def look(self, now_s: float) -> list[Due]:
         """What is due; it counts as begun."""
         due = []
+        self.advice = {topic: told for topic, told in self.advice.items() if now_s < told.ends_s}
         for key, known in tuple(self.flows.items()):
             self._rest(known, now_s)
             if known.session.is_over and not known.is_present and not self._is_ending:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import math
+import os
 import sys
+import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +24,7 @@ from simple_ros.msg.turtlesim_msgs import AdaptationRequest, ControlStatus
 from simple_ros.node import NodeHandle
 from simple_ros.qos import LATCHED, QosProfile
 from simple_ros_engines.network_exposure.demo.narrator import Line, Narrator
-from simple_ros_engines.network_exposure.demo.story import Act, Step, Story
+from simple_ros_engines.network_exposure.demo.story import WINDOW_S, Act, Pacing, Step, Story
 from simple_ros_engines.network_exposure.exposure.api import ApiClient
 from simple_ros_engines.network_exposure.exposure.http import StandardTransport
 
@@ -79,7 +81,8 @@ class Performance:
 
     def __init__(self, wishes: Wishes) -> None:
         self._wishes = wishes
-        self._story = Story(_TOPICS, wishes.pace_s)
+        self._pacing = Pacing(wishes.pace_s, wishes.setup_s)
+        self._story = Story(_TOPICS, self._pacing)
         self._narrator = Narrator(min(10.0, wishes.pace_s))
         self._processes = Processes(_GRACE_S)
         self._clock = asyncio.get_running_loop().time
@@ -114,10 +117,10 @@ class Performance:
         master = await self._program(
             "master", "simple_ros_master", "--port", _port(wishes.master_port)
         )
-        self._master = (await master.line_with("listening on ")).rpartition(" ")[2]
         mock = await self._tool(
             "mock network", "network", "mock", "--port", "0", "--setup", f"{wishes.setup_s:g}"
         )
+        self._master = (await master.line_with("listening on ")).rpartition(" ")[2]
         line = await mock.line_with("listens on ")
         self._network = line.partition("listens on ")[2].split()[0]
         self._say(
@@ -132,31 +135,34 @@ class Performance:
         )
         launched = await self._tool(
             "turtles", "launch", str(_LAUNCH), "--plain", "--master", "require",
-            *pages, "mock:=false", f"url:={self._network}", "window_s:=2.0", "dwell_s:=5.0",
+            *pages, "mock:=false", f"url:={self._network}",
+            f"window_s:={WINDOW_S}", f"dwell_s:={self._pacing.dwell_s}",
         )  # fmt: skip
+        bridge = await self._start_bridge()
         for what, text in (("turtles", "the turtles are at "), ("scores", "scores are given at ")):
             line = await launched.line_with(text)
             self._say("story", f"{what}: {line.partition(text)[2].strip()}")
-        await self._start_bridge()
+        if bridge is not None:
+            link = (await bridge.line_with("open ")).partition("open ")[2]
+            self._say("story", f"in Foxglove: open {link}; --layout prints a layout for it")
         if wishes.record is not None:
             words = ("bag", "record", "--all", "-x", _RELAYED, "-o", str(wishes.record))
             await self._tool("recorder", *words)
             self._say("story", f"all but relayed topics are recorded in {wishes.record}")
 
-    async def _start_bridge(self) -> None:
+    async def _start_bridge(self) -> DemoProcess | None:
         port = self._wishes.foxglove_port
         if port is None:
-            return
-        bridge = await self._tool("foxglove", "foxglove", "--port", _port(port))
-        link = (await bridge.line_with("open ")).partition("open ")[2]
-        self._say("story", f"in Foxglove: open {link}; --layout prints a layout for it")
+            return None
+        return await self._tool("foxglove", "foxglove", "--port", _port(port))
 
     async def _start_maximizer(self) -> None:
         # As the environment says it to programs of a launch file.
         words = (
             "policy:=" + str(_POLICY),
-            "period_s:=1.0",
-            f"patience_s:={2 * self._wishes.pace_s:g}",
+            f"period_s:={self._pacing.period_s:g}",
+            f"settle_s:={self._pacing.settle_s:g}",
+            f"patience_s:={self._pacing.patience_s:g}",
         )
         await self._tool(
             "maximizer", "engine", "run", "maximizer", words=tuple(f"_{word}" for word in words)
@@ -168,7 +174,10 @@ class Performance:
     async def _program(
         self, name: str, module: str, *arguments: str, words: tuple[str, ...] = ()
     ) -> DemoProcess:
-        more: dict[str, str | None] = {"SIMPLE_ROS_MASTER": self._master or None}
+        more: dict[str, str | None] = {
+            "SIMPLE_ROS_MASTER": self._master or None,
+            "PATH": _path_of_programs(),
+        }
         if words:
             more["SIMPLE_ROS_ARGS"] = " ".join(words)
         command = [sys.executable, "-m", module, *arguments]
@@ -252,6 +261,7 @@ class Performance:
         self._tell(self._narrator.asked(message))
 
     def _drives(self, message: ControlStatus) -> None:
+        self._story.scored(message.turtle, message.mos)
         self._story.slowed(message.turtle, is_slowed=message.speed_factor < 1)
         self._tell(self._narrator.drives(message))
 
@@ -266,6 +276,11 @@ class Performance:
         if not self._wishes.is_plain:
             shown = typer.style(shown, fg=_COLOURS[word])
         typer.echo(f"{self._clock() - self._begun_s:6.1f} s  {shown} {text}")
+
+
+def _path_of_programs() -> str:
+    """Launch files look for ``simple-ros`` there; who started this by its path need not have it in theirs."""
+    return os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", os.defpath)))
 
 
 def _times(number: int) -> str:

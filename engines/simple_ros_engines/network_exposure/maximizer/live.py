@@ -192,7 +192,7 @@ class LiveTopics:
         if self.probes:
             throttle.delay_ms = budget_ms
         elif budget_ms:
-            advice = QosAdvice(topic=topic, latency_budget_ms=budget_ms)
+            advice = QosAdvice(topic=topic, latency_budget_ms=budget_ms, valid_s=valid_s)
         self._throttles.publish(throttle)
         self._advice.publish(advice)
 

@@ -24,7 +24,7 @@ from simple_ros_engines.network_exposure.exposure.model import ExposureError
 from simple_ros_engines.network_exposure.exposure.web import Reply, WebServer, json_of
 from simple_ros_engines.network_exposure.mock.camara_api import CamaraApi
 from simple_ros_engines.network_exposure.mock.core import BearerEvent, MockNetwork, MockSettings
-from simple_ros_engines.network_exposure.mock.faults import Faults
+from simple_ros_engines.network_exposure.mock.faults import Faults, sorted_out
 from simple_ros_engines.network_exposure.mock.nef_api import NefApi
 from simple_ros_engines.network_exposure.mock.seal_api import SealApi
 from simple_ros_engines.network_exposure.mock.services import (
@@ -266,15 +266,10 @@ class MockServer:
         Raises:
             ValueError: A name or a value is wrong.
         """
-        settings, faults = self.network.settings, self.faults
-        for name, value in changes.items():
-            target = next((item for item in (settings, faults) if hasattr(item, name)), None)
-            if target is None or isinstance(value, dict | list | str | None):
-                raise ValueError(f"there is nothing to set {name} = {value!r}")
-        own = {name: value for name, value in changes.items() if hasattr(settings, name)}
-        self.network.settings = dataclasses.replace(settings, **own)
-        for name in changes.keys() - own.keys():
-            setattr(faults, name, changes[name])
+        settings, faults = sorted_out(changes)
+        self.network.settings = dataclasses.replace(self.network.settings, **settings)
+        for name, value in faults.items():
+            setattr(self.faults, name, value)
 
     def _control(self, request: Request) -> Reply:
         try:

@@ -61,6 +61,7 @@ class MeanOpinionScoring(Engine):
         self.judgements = Judgements()
         self._flows: dict[str, list[str]] = {}
         self._served: dict[str, str] = {}
+        self._is_simulated = False
         self._asked: dict[str, Adaptations] = {}
         self._told: set[str] = set()
         self._valid_s = 0.0
@@ -112,7 +113,10 @@ class MeanOpinionScoring(Engine):
             )
 
     def _states_came(self, message: FlowQosArray) -> None:
-        for flow in message.flows:
+        self._is_simulated = message.is_simulated
+        self._served = {}
+        # A topic has a flow for each subscriber: the one that fares worst is shown.
+        for flow in sorted(message.flows, key=lambda flow: flow.state in _TROUBLE):
             self._served[flow.topic.lstrip("/")] = _served(flow)
 
     def _asked_to_adapt(self, message: AdaptationRequest) -> None:
@@ -164,6 +168,7 @@ class MeanOpinionScoring(Engine):
         board, now_s = self.board, time.monotonic()
         counting = {topic: self.judgements.of(topic, now_s) for topic in board.topics}
         return {
+            "simulated": self._is_simulated,
             "topics": [
                 {
                     "name": topic,
@@ -199,6 +204,9 @@ class MeanOpinionScoring(Engine):
                 )
             ],
         }
+
+
+_TROUBLE = ("failed", "degraded")
 
 
 def _served(flow: FlowQos) -> str:

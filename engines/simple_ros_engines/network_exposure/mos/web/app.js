@@ -3,6 +3,7 @@ const at = (id) => document.getElementById(id);
 const ticked = new Set();
 let socket = null;
 let drawnGroups = "";
+let isGrouping = false;
 
 function make(tag, text, className) {
   const made = document.createElement(tag);
@@ -97,8 +98,14 @@ function came(message) {
   if (message.op === "answer") {
     at("answer").textContent = message.message;
     at("answer").className = message.ok ? "" : "bad";
+    if (isGrouping && message.ok) {
+      ticked.clear();
+      at("group-name").value = "";
+    }
+    isGrouping = false;
     return;
   }
+  at("simulated").hidden = !message.simulated;
   showTopics(message.topics);
   showGroups(message.groups);
   showScores(message.scores);
@@ -121,8 +128,7 @@ function connect() {
 
 at("new-group").addEventListener("submit", (event) => {
   event.preventDefault();
+  isGrouping = true;
   say({ op: "group", name: at("group-name").value, topics: [...ticked] });
-  ticked.clear();
-  at("group-name").value = "";
 });
 connect();
