@@ -12,6 +12,7 @@ import contextlib
 import os
 import signal
 import sys
+import sysconfig
 from asyncio.subprocess import DEVNULL, STDOUT, Process
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -59,8 +60,12 @@ class Command:
         return [sys.executable, "-IS", become.__file__, str(parent), *wishes, "--", *self.words]
 
     def variables(self) -> dict[str, str]:
-        """The whole environment."""
+        """The whole environment; the programs of this installation are found last, if not before."""
         merged = {**os.environ, **self.environment}
+        path = merged.get("PATH") or os.defpath
+        scripts = sysconfig.get_path("scripts")
+        if scripts not in path.split(os.pathsep):
+            merged["PATH"] = os.pathsep.join((path, scripts))
         return {name: value for name, value in merged.items() if value is not None}
 
 

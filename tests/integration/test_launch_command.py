@@ -122,6 +122,13 @@ async def test_a_required_process_that_fails_ends_all_with_its_last_lines(here: 
     assert "over: bad, which is required, was given up: ended with code 4" in said
 
 
+async def test_programs_of_this_installation_are_found_without_a_path_to_them(here: Path) -> None:
+    write("launch: [{node: version, program: simple-ros, args: [--version], required: true}]")
+    _, said, errors = await run("launch", "robot.yaml", PATH="/usr/bin:/bin")
+    assert errors == ""
+    assert "version: ended with code 0" in said
+
+
 async def test_all_end_when_the_launcher_is_killed(here: Path) -> None:
     text = "launch: [{node: x, script: stay.py, ready: 'output:up'}]"
     async with launched(text, "x: ready") as (launch, _):
