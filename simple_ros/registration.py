@@ -43,6 +43,7 @@ logger = logging.getLogger(__name__)
 _PIPELINED = 64
 _SHIPPED = "simple_ros/msg/"
 _FOREIGN_PUSH_S = 1.0
+_FOREIGN_MOMENT_S = 0.001
 _FOREIGN_SPACING_S = 0.02
 _GOODBYE_S = 0.4
 _FAREWELL_S = 1.0
@@ -405,6 +406,8 @@ class Registrar:
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(_FOREIGN_PUSH_S):
                         await ended.wait()
+                # The Master learns a moment later that it has ended.
+                await asyncio.sleep(_FOREIGN_MOMENT_S)
             else:
                 await asyncio.sleep(_FOREIGN_SPACING_S)
             self._push_ended.pop(key.topic, None)
