@@ -297,6 +297,9 @@ class OutboundLink(asyncio.Protocol):
         self._task.cancel()
         self._idle.set()
         if self._transport is not None:
+            # A reader that never reads on must not keep what it was lent.
+            self.keep_own()
+            self.turns += 1
             self._transport.close()
         self._lost.set()
         self._on_room()

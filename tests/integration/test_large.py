@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from simple_ros.aio import NodeHandle
 from simple_ros.large import LargeMessage, large
 from simple_ros.msg.arrays import image_to_numpy
 from simple_ros.msg.sensor_msgs import Image
+from simple_ros.wire.session import Target
 from simple_ros_master.server import Master
 
 LargeImage = large(Image)
@@ -156,6 +158,26 @@ async def test_a_cancelled_publish_async_leaves_the_array_free_and_the_image_who
         for value in range(begun):
             seen = np.frombuffer((await subscriber.receive_within(30)).data, np.uint8)
             assert (int(seen.min()), int(seen.max())) == (value, value)
+
+
+async def test_publish_async_goes_on_without_a_reader_that_hangs_once_it_is_taken_away(
+    master: Master,
+) -> None:
+    pixels = np.zeros((1080, 1920, 3), np.uint8)
+    with socket.create_server(("127.0.0.1", 0)) as hangs:
+        target = Target("127.0.0.1", hangs.getsockname()[1])
+        async with NodeHandle("camera", master=master.address, transports=TCP) as camera:
+            publisher = await camera.advertise("image", LargeImage, qos=BLOCK)
+            publisher.targets_update((target,))
+            await publisher.wait_for_subscribers(1, timeout=30)
+            while True:
+                publishing = asyncio.create_task(publisher.publish_async(full_hd(pixels)))
+                await asyncio.wait([publishing], timeout=0.5)
+                if not publishing.done():
+                    break
+            publisher.targets_update((), (target,))
+            async with asyncio.timeout(30):
+                await publishing
 
 
 async def test_publish_async_ends_when_its_reader_does(master: Master) -> None:
