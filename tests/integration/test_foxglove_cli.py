@@ -32,6 +32,11 @@ async def foxglove(*arguments: str, **environment: str) -> AsyncIterator[tuple[P
         assert await process.wait() == 0
 
 
+def bridges(master: Master) -> set[str]:
+    names = {item.name for item in master.graph.nodes()}
+    return {name for name in names if name.startswith("foxglove_bridge_")}
+
+
 async def test_live_recorded_and_counted(master: Master, tmp_path: Path) -> None:
     path = tmp_path / "seen.mcap"
     arguments = ("--master", master.address, "--record", str(path), "--stats")
@@ -88,8 +93,7 @@ async def test_a_second_bridge_leaves_the_first_alone(master: Master) -> None:
         async with foxglove(*arguments), aio.NodeHandle("a", master=master.address) as node:
             await node.advertise("chatter", String)
             await client.channel("/chatter")
-            names = {item.name for item in master.graph.nodes()}
-            assert len([name for name in names if name.startswith("foxglove_bridge_")]) == 2
+            await until(lambda: len(bridges(master)) == 2, "both bridges are with the Master")
 
 
 async def test_an_empty_token_lets_nobody_in(master: Master) -> None:
