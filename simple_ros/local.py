@@ -99,6 +99,9 @@ class LocalLink:
     is_busy = False
     """Whether a message should rather wait than be queued: it never goes by a socket."""
 
+    write_lone = None
+    """What sends a frame that comes alone: nothing is sent at once."""
+
     takes_any = False
     """Whether everything is taken for now: it depends on the queue."""
 

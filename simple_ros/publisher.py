@@ -15,7 +15,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from struct import Struct
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
@@ -126,6 +126,7 @@ class Publisher(Generic[MessageT]):
         self._sent_at = 0.0
         self._is_plain = False
         self._is_direct = True
+        self._write_lone: Callable[[bytes], object] | None = None
         self._together = _BATCH_MESSAGES
         self._bursts = False
         self._size = -1
@@ -161,7 +162,11 @@ class Publisher(Generic[MessageT]):
                 frame = (self._prefix if size == self._size else self._prefixed(size)) + payload
                 if not self._ticking and _monotonic() - self._sent_at > _BURST_S:
                     self._published += 1
-                    self._send_alone(self._links.spellings[0], frame)
+                    if self._write_lone is not None:
+                        self._write_lone(frame)
+                        self._sent_at = _monotonic()
+                    else:
+                        self._send_alone(self._links.spellings[0], frame)
                     return
                 batch = self._batch
                 batch.append(frame)
@@ -531,8 +536,11 @@ class Publisher(Generic[MessageT]):
         )
         self._size = -1
         self._bursts = self._is_plain and self._ticking
+        self._write_lone = None
         if self._is_plain:
             self._batch = spellings[0].batch
+            if links == 1 and self._lifespan == math.inf:
+                self._write_lone = spellings[0].links[0].write_lone
 
     def _prefixed(self, size: int) -> bytes:
         """What stands before a message of so many bytes; kept, since the next often has as many."""

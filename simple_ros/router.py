@@ -16,7 +16,8 @@ from typing import Any, Protocol
 from google.protobuf.message import DecodeError
 
 from simple_ros.names import canonical
-from simple_ros.net.feeder import Source
+from simple_ros.net import feeder
+from simple_ros.net.feeder import NO_LANE, Source
 from simple_ros.qos import Durability, QosProfile
 from simple_ros.wire.framing import Payload, Run, header_names
 
@@ -52,6 +53,11 @@ class Sink(Protocol):
     ) -> None:
         """Messages that are still to be parsed; only called if `takes_payloads`."""
 
+    def lone_taker(
+        self, parse: Callable[[Any], Any], unparsable: Callable[[Payload, DecodeError], None]
+    ) -> Callable[[bytes], None]:
+        """What takes a message that came alone and is still to be parsed; only asked if `takes_payloads`."""
+
     def take_batch(self, messages: list[Any]) -> None:
         """All messages of one read; only called if `takes_batches`."""
 
@@ -68,7 +74,7 @@ class Sink(Protocol):
         """A link that brings its messages came or went."""
 
 
-class Lane(Protocol):
+class Lane(feeder.Lane, Protocol):
     """Where the frames of one link with one header go."""
 
     def offer(self, payloads: list[Payload], resume: Callable[[], None], *, force: bool) -> int:
@@ -113,7 +119,11 @@ class BadMessages:
 
 
 class Route:
-    """The subscriptions of one topic and type."""
+    """The subscriptions of one topic and type.
+
+    Attributes:
+        take_lone: Takes a message that came alone, if there is one subscription and nothing else to do.
+    """
 
     def __init__(self, topic: str, msg_type: str, bad: BadMessages) -> None:
         self.topic = topic
@@ -125,6 +135,7 @@ class Route:
         self._latches = False
         self._all_direct = True
         self._last: bytes | None = None
+        self.take_lone: Callable[[bytes], object] | None = None
 
     def add(self, sink: Sink, parse: Callable[[Any], Any]) -> None:
         """Deliver to ``sink`` too; ``parse`` is how it wants its messages made, if not as bytes."""
@@ -133,12 +144,20 @@ class Route:
         self._all_direct = all(other.is_direct for other in self.sinks)
         if sink.qos.durability is Durability.TRANSIENT_LOCAL:
             self._latches = True
+        self._choose_lone()
 
     def discard(self, sink: Sink) -> None:
         """Deliver to ``sink`` no more."""
         self.sinks = tuple(other for other in self.sinks if other is not sink)
         self._all_direct = all(other.is_direct for other in self.sinks)
         self._parsers.pop(sink, None)
+        self._choose_lone()
+
+    def _choose_lone(self) -> None:
+        self.take_lone = None
+        if len(self.sinks) == 1 and self.sinks[0].takes_payloads and not self._latches:
+            sink = self.sinks[0]
+            self.take_lone = sink.lone_taker(self._parsers[sink], self._unparsable)
 
     def replay(self, sink: Sink) -> None:
         """Give a late joiner of this node the last message that earlier ones had already."""
@@ -352,6 +371,10 @@ class Router:
             route.oversized(run.oversized)
             return 0
         return route.offer(run.payloads, resume, force=force)
+
+    def lane_of(self, link: Source, header: bytes) -> feeder.Lane:
+        """Where the last frames went that came on a link with a header; `NO_LANE` if nowhere."""
+        return self._by_link.get(link, {}).get(header, NO_LANE)
 
     def receive_objects(
         self,

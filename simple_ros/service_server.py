@@ -294,6 +294,15 @@ class ServiceLane:
         self._out = Coalescer(link.write)
         self._header = encode_header(name, RESPONSE_TYPE)
         self._batch: list[bytes] | None = None
+        self.take_lone: Callable[[bytes], object] | None = self._take_one
+
+    def _take_one(self, data: bytes) -> None:
+        try:
+            request = unpack_request(data)
+        except ValueError as error:
+            logger.warning("dropping %s", error)
+        else:
+            self._take(request)
 
     def offer(self, payloads: list[Payload], resume: Callable[[], None], *, force: bool) -> int:  # noqa: ARG002
         """Requests; see `simple_ros.router.Lane`."""
@@ -381,6 +390,8 @@ class LocalLane(ServiceLane):
 
 class _CancelLane:
     """Frames that take requests back."""
+
+    take_lone: Callable[[bytes], object] | None = None
 
     def __init__(self, lane: ServiceLane) -> None:
         self._lane = lane

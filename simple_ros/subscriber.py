@@ -161,6 +161,29 @@ class Subscriber(Generic[MessageT]):
                 self._guard.failed(error)
         self._received += received
 
+    def lone_taker(
+        self, parse: Callable[[Any], Any], unparsable: Callable[[Payload, DecodeError], None]
+    ) -> Callable[[bytes], None]:
+        """As `take_payloads`, for messages that come alone (called by the router, if `takes_payloads`)."""
+        callback: Any = self._callback
+        failed = self._guard.failed
+
+        def take(payload: bytes) -> None:
+            try:
+                message = parse(payload)
+            except DecodeError as error:
+                unparsable(payload, error)
+                return
+            if self._closed:
+                return
+            self._received += 1
+            try:
+                callback(message)
+            except CALLBACK_ERRORS as error:
+                failed(error)
+
+        return take
+
     def take_batch(self, messages: list[Any]) -> None:
         """All that one read of a link brought (called by the router, if `takes_batches`)."""
         if not self._closed:

@@ -25,6 +25,7 @@ __all__ = [
     "keep_alive",
     "listening_socket",
     "master_address",
+    "no_delay",
     "own_ipv4",
     "split_address",
 ]
@@ -187,6 +188,12 @@ def keep_alive(sock: socket.socket | None, *, idle_s: float = 8.0) -> None:
         option = getattr(socket, name, None)
         if option is not None:
             sock.setsockopt(socket.IPPROTO_TCP, option, value)
+
+
+def no_delay(sock: socket.socket) -> None:
+    """Let small messages go at once, if the socket is TCP's."""
+    if is_tcp(sock):
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from typing import Protocol
 
 from simple_ros.wire.framing import Run
 
-__all__ = ["Feeder", "Receiver", "Source"]
+__all__ = ["NO_LANE", "Feeder", "Lane", "LinkReceiver", "Receiver", "Source"]
 
 
 class Source(Hashable, Protocol):
@@ -23,6 +23,24 @@ class Source(Hashable, Protocol):
 
     def expect_life_within(self, seconds: float) -> None:
         """Let the link end if its peer's host gives no sign of life for so long."""
+
+
+class Lane(Protocol):
+    """Where the frames of one link with one header go.
+
+    Attributes:
+        take_lone: Takes a message that came alone, with nothing waiting before it; None if that goes the
+            way of all others.
+    """
+
+    take_lone: Callable[[bytes], object] | None
+
+
+class _NoLane:
+    take_lone: Callable[[bytes], object] | None = None
+
+
+NO_LANE: Lane = _NoLane()
 
 
 class Receiver(Protocol):
@@ -47,6 +65,13 @@ class Receiver(Protocol):
 
     def link_ended(self, link: Source) -> None:
         """The peer closed, or was closed."""
+
+
+class LinkReceiver(Receiver, Protocol):
+    """Where the messages of connections go."""
+
+    def lane_of(self, link: Source, header: bytes) -> Lane:
+        """Where the last frames went that came on a link with a header; `NO_LANE` if nowhere."""
 
 
 class Feeder:

@@ -10,6 +10,8 @@ from concurrent.futures import Future
 from typing import Any, TypeVar
 
 from simple_ros.errors import ConfigError
+from simple_ros.net import quick_loop
+from simple_ros.net.quick_loop import QuickLoop
 
 __all__ = ["BackgroundLoop", "NoSuchLoop", "new_loop"]
 
@@ -30,7 +32,7 @@ def new_loop() -> asyncio.AbstractEventLoop:
     """
     wanted = os.environ.get("SIMPLE_ROS_LOOP", "") or "asyncio"
     if wanted == "asyncio":
-        return asyncio.new_event_loop()
+        return QuickLoop() if quick_loop.is_available() else asyncio.new_event_loop()
     if wanted != "uvloop":
         raise NoSuchLoop(f"SIMPLE_ROS_LOOP={wanted}: there are 'asyncio' and 'uvloop'")
     try:

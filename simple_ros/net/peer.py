@@ -68,6 +68,7 @@ class OutboundLink(asyncio.Protocol):
         self._on_room = on_room
         self._loop = asyncio.get_running_loop()
         self._transport: asyncio.Transport | None = None
+        self._write: Callable[[bytes], object] = _nowhere
         self._direct = False
         self._paused = False
         self._closed = False
@@ -91,7 +92,7 @@ class OutboundLink(asyncio.Protocol):
             self.sent += len(frames)
             assert self._transport is not None
             if self._max_write is None:
-                self._transport.write(joined)
+                self._write(joined)
             else:
                 self._write_in_pieces(frames)
             if self._check is None:
@@ -101,6 +102,17 @@ class OutboundLink(asyncio.Protocol):
             return
         self._idle.clear()
         self.queue.push_all(frames, map(len, frames), expires_at)
+
+    @property
+    def write_lone(self) -> Callable[[bytes], object] | None:
+        """Sends a frame that comes alone, as long as `takes_any`; None if that goes the way of all others."""
+        return self._write_lone if self._direct and self._max_write is None else None
+
+    def _write_lone(self, frame: bytes) -> None:
+        self.sent += 1
+        self._write(frame)
+        if self._check is None:
+            self._check = self._loop.call_later(_CHECK_EVERY_S, self._check_peer)
 
     def send_parts(
         self, parts: tuple[Any, ...], expires_at: float = math.inf, loan: Loan | None = None
@@ -148,7 +160,7 @@ class OutboundLink(asyncio.Protocol):
                 frames = self.queue.take(self._loop.time(), _CHUNK_BYTES)
                 self.sent += len(frames)
                 if self._max_write is None:
-                    transport.write(b"".join(frames))
+                    self._write(b"".join(frames))
                 else:
                     self._write_in_pieces(frames)
             if not self._is_paused():
@@ -168,16 +180,12 @@ class OutboundLink(asyncio.Protocol):
                 self._give_up(frame)
                 continue
             if size + len(frame) > self._max_write:
-                self._write(piece)
+                self._write(b"".join(piece))
                 piece, size = [], 0
             piece.append(frame)
             size += len(frame)
         if piece:
-            self._write(piece)
-
-    def _write(self, frames: list[bytes]) -> None:
-        assert self._transport is not None
-        self._transport.write(b"".join(frames))
+            self._write(b"".join(piece))
 
     def _give_up(self, frame: bytes) -> None:
         self.sent -= 1
@@ -241,6 +249,7 @@ class OutboundLink(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         # uvloop's transports are none of asyncio's by class.
         self._transport = cast("asyncio.Transport", transport)
+        self._write = self._transport.write
         # High water at zero: the transport tells at once when a send did not fit the socket.
         self._transport.set_write_buffer_limits(high=0)
         keep_alive(transport.get_extra_info("socket"))
@@ -267,6 +276,7 @@ class OutboundLink(asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002
         self._transport = None
+        self._write = _nowhere
         self._direct = False
         self._paused = False
         self.turns += 1
@@ -303,3 +313,7 @@ class OutboundLink(asyncio.Protocol):
             self._transport.close()
         self._lost.set()
         self._on_room()
+
+
+def _nowhere(data: bytes) -> None:
+    raise AssertionError(f"{len(data)} bytes were written to a link that is down")

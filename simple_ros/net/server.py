@@ -10,7 +10,8 @@ from typing import cast
 
 from simple_ros.errors import AddressInUse, FrameError
 from simple_ros.net.addresses import join_address, keep_alive, listening_socket
-from simple_ros.net.feeder import Feeder, Receiver, Source
+from simple_ros.net.feeder import NO_LANE, Feeder, Lane, LinkReceiver, Source
+from simple_ros.net.inbound_stream import take_connection
 from simple_ros.net.memory import LARGE_BYTES, keep_large_blocks
 from simple_ros.net.shm import SlotReader
 from simple_ros.net.transport import SHM, UNIX, Listener, Place, Transport
@@ -30,17 +31,21 @@ class InboundLink(asyncio.BufferedProtocol):
         peer: ``host:port`` of the other side, or what its transport calls it.
         violation: Whether it was closed for not speaking simple_ros framing.
         slots: Where large messages are found if the peer shares its memory.
+        room: Where the next bytes go, if that is known already.
     """
 
-    def __init__(self, receiver: Receiver, max_message_bytes: int) -> None:
+    def __init__(self, receiver: LinkReceiver, max_message_bytes: int) -> None:
         self.peer = "?"
         self.violation = False
         self.slots: SlotReader | None = None
+        self.room: memoryview | None = None
         self._receiver = receiver
         self._max_message_bytes = max_message_bytes
         self._decoder = FrameDecoder(max_message_bytes)
         # Asked for each message: straight to who knows.
         self.get_buffer = self._decoder.get_buffer  # type: ignore[method-assign]
+        self._lone = self._decoder.lone
+        self._lane: Lane = NO_LANE
         self._transport: asyncio.Transport | None = None
         self._ended = False
         self._answers_wait = False
@@ -56,6 +61,14 @@ class InboundLink(asyncio.BufferedProtocol):
         return self._decoder.get_buffer(sizehint)
 
     def buffer_updated(self, nbytes: int) -> None:
+        take = self._lane.take_lone
+        if take is not None and (payload := self._lone(nbytes)) is not None:
+            take(payload)
+        else:
+            self._take_all(nbytes)
+
+    def _take_all(self, nbytes: int) -> None:
+        self.room = None
         if nbytes >= LARGE_BYTES // 4:
             keep_large_blocks()
         if self.slots is None:
@@ -64,6 +77,10 @@ class InboundLink(asyncio.BufferedProtocol):
             self._feed_with_slots(self._decoder.received(nbytes), self.slots)
         if self._decoder.error is not None:
             self._refuse(self._decoder.error)
+        elif self._decoder.expects_lone:
+            # Now, while nothing waits: it takes time when a message has come.
+            self._lane = self._receiver.lane_of(self, self._decoder.header)
+            self.room = self._decoder.get_buffer()
 
     def _feed_with_slots(self, runs: list[Run], slots: SlotReader) -> None:
         try:
@@ -146,7 +163,7 @@ class NodeServer:
     """
 
     def __init__(
-        self, receiver: Receiver, max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES
+        self, receiver: LinkReceiver, max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES
     ) -> None:
         self.port = 0
         self.links: set[InboundLink] = set()
@@ -209,7 +226,7 @@ class NodeServer:
 
     async def _take(self, connection: socket.socket) -> None:
         try:
-            await self._loop.connect_accepted_socket(self._accepted, connection)
+            await take_connection(self._accepted, connection)
         except OSError as error:
             logger.debug("a connection ended before it began: %s", error)
             connection.close()
@@ -231,6 +248,10 @@ class NodeServer:
         link = InboundLink(self, self._max_message_bytes)
         self.links.add(link)
         return link
+
+    def lane_of(self, link: Source, header: bytes) -> Lane:
+        """Pass on."""
+        return self._receiver.lane_of(link, header)
 
     def link_refused(self, peer: str, reason: str) -> None:
         """Pass on."""

@@ -14,6 +14,8 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from simple_ros.net.quick_loop import add_quick_reader
+
 __all__ = ["StreamTransport", "connected"]
 
 logger = logging.getLogger(__name__)
@@ -34,17 +36,17 @@ class StreamTransport(asyncio.Transport):
         lends: Whether buffers that were lent are still needed.
     """
 
-    def __init__(self, sock: socket.socket, protocol: asyncio.Protocol) -> None:
+    def __init__(self, sock: socket.socket, protocol: asyncio.BaseProtocol) -> None:
         super().__init__({"socket": sock, "peername": _peer_of(sock)})
         self._loop = asyncio.get_running_loop()
         self._sock = sock
         self._fd = sock.fileno()
-        self._protocol = protocol
+        self._protocol: Any = protocol
         self._waiting: deque[memoryview] = deque()
         self._closing = False
         self._lost = False
         self.lends = False
-        self._loop.add_reader(self._fd, self._readable)
+        add_quick_reader(self._loop, self._fd, self._readable)
 
     # -- writing -------------------------------------------------------------------------------
 
@@ -162,7 +164,10 @@ class StreamTransport(asyncio.Transport):
         if data:
             self._received(data)
         else:
-            self._end(None)
+            self._ended_by_peer()
+
+    def _ended_by_peer(self) -> None:
+        self._end(None)
 
     def _received(self, data: bytes) -> None:
         self._protocol.data_received(data)

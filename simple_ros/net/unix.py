@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from simple_ros.net.inbound_stream import take_connection
 from simple_ros.net.stream import StreamTransport, connected
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ class UnixListener:
         self, accept: Callable[[], asyncio.BufferedProtocol], connection: socket.socket
     ) -> None:
         try:
-            await self._loop.connect_accepted_socket(accept, connection)
+            await take_connection(accept, connection)
         except OSError as error:
             logger.debug("a connection ended before it began: %s", error)
             connection.close()

@@ -158,6 +158,16 @@ class FrameDecoder:
         self._retired: list[bytearray] = []
 
     @property
+    def header(self) -> bytes:
+        """The header of the last message."""
+        return self._header
+
+    @property
+    def expects_lone(self) -> bool:
+        """Whether the next read may well bring one small message, like the last."""
+        return self._alone_bytes >= 0 and self._start == self._end
+
+    @property
     def pending_bytes(self) -> int:
         """Bytes of a message that is not complete yet, drained ones not counted."""
         return self._end - self._start
@@ -204,17 +214,24 @@ class FrameDecoder:
 
         A run is short enough that its views are gone before the garbage collector looks at them.
         """
+        payload = self.lone(size)
+        if payload is not None:
+            return (_new_run(Run, (self._header, [payload], 0)),)
+        return self._runs(size)
+
+    def lone(self, size: int) -> bytes | None:
+        """As `received`, if what came is one small message, as the last time: the usual case where latency counts.
+
+        None if it is anything else, and nothing was taken. The next bytes go where these did.
+        """
         start = self._end
         if (
             size == self._alone_bytes
             and self._start == start
             and self._buffer.startswith(self._alone, start)
         ):
-            # One small message, as the last time: the usual case where latency counts.
-            self._start = self._end = stop = start + size
-            payload = bytes(self._view[start + len(self._alone) : stop])
-            return (_new_run(Run, (self._header, [payload], 0)),)
-        return self._runs(size)
+            return bytes(self._view[start + len(self._alone) : start + size])
+        return None
 
     def _runs(self, size: int) -> Iterator[Run]:
         if self.error is not None:

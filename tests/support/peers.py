@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from simple_ros.net.feeder import Source
+from simple_ros.net.feeder import NO_LANE, Lane, Source
 from simple_ros.net.server import NodeServer
 from simple_ros.wire.framing import Run, header_names
 
@@ -34,6 +34,9 @@ class ForeignListener:
         assert names is not None
         self.frames += [(*names, bytes(view)) for view in run.payloads]
         return len(run.payloads)
+
+    def lane_of(self, link: Source, header: bytes) -> Lane:
+        return NO_LANE
 
     def link_refused(self, peer: str, reason: str) -> None:
         raise AssertionError(f"{peer} sent what is no frame: {reason}")
