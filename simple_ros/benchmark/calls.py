@@ -16,6 +16,7 @@ from struct import Struct
 from typing import Any
 
 from simple_ros.benchmark.sink import say
+from simple_ros.net.loop import new_loop
 
 __all__ = ["Calls", "answer_bytes", "check", "measured", "measured_blocking", "run_calls"]
 
@@ -299,7 +300,10 @@ def run_calls(
     """The main function of every program that answers or calls: ``KIND server|client CALLS``."""
     kind, role, text = argv or sys.argv[1:]
     made = kinds[kind][role == "client"](Calls(**json.loads(text)))
-    report = asyncio.run(made) if asyncio.iscoroutine(made) else made
+    report = made
+    if asyncio.iscoroutine(made):
+        with asyncio.Runner(loop_factory=new_loop if kind == "ours" else None) as runner:
+            report = runner.run(made)
     if report is not None:
         say(report=report)
 

@@ -14,6 +14,7 @@ from simple_ros.benchmark.program import ready, run_program
 from simple_ros.benchmark.sink import Sink
 from simple_ros.benchmark.source import drive, drive_async, until_end
 from simple_ros.benchmark.workloads import Job
+from simple_ros.net.loop import new_loop
 
 __all__: list[str] = []
 
@@ -129,4 +130,4 @@ def _maker(job: Job) -> Callable[[int], Any]:
 
 
 if __name__ == "__main__":
-    run_program(receive, send)
+    run_program(receive, send, new_loop=new_loop)

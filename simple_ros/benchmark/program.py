@@ -28,27 +28,37 @@ def ready(at: Any = "") -> None:
     say(ready=at)
 
 
-def run_program(receive: Receive, send: Send, argv: list[str] | None = None) -> None:
+def run_program(
+    receive: Receive,
+    send: Send,
+    argv: list[str] | None = None,
+    new_loop: Callable[[], asyncio.AbstractEventLoop] | None = None,
+) -> None:
     """Do the job on the command line.
 
     Args:
         receive: Gives messages to the sink, for ever.
         send: Sends with `drive` or `drive_async`; a coroutine must itself wait for the end.
         argv: Instead of the command line.
+        new_loop: Makes the event loop of who brings one of his own; else asyncio's. A job may want uvloop.
     """
     job = job_from(json.loads((argv or sys.argv[1:])[0]))
     if job.role == "receive":
         sink = Sink(job.workload)
         sink.watch()
-        _finish(receive(job, sink), job)
+        _finish(receive(job, sink), job, new_loop)
         return
     made = send(job)
-    _finish(made, job)
+    _finish(made, job, new_loop)
     if made is None:
         wait_for_end()
 
 
-def _finish(made: Awaitable[None] | None, job: Job) -> None:
+def _finish(
+    made: Awaitable[None] | None,
+    job: Job,
+    new_loop: Callable[[], asyncio.AbstractEventLoop] | None,
+) -> None:
     if made is None:
         return
 
@@ -60,4 +70,5 @@ def _finish(made: Awaitable[None] | None, job: Job) -> None:
 
         uvloop.run(run())
     else:
-        asyncio.run(run())
+        with asyncio.Runner(loop_factory=new_loop) as runner:
+            runner.run(run())

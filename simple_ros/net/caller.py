@@ -17,6 +17,8 @@ from simple_ros.errors import (
     ServiceUnavailable,
 )
 from simple_ros.net.addresses import connection_state, keep_alive, split_address
+from simple_ros.net.inbound_stream import take_connection
+from simple_ros.net.stream import connected_tcp
 from simple_ros.net.unix import connected_unix
 from simple_ros.rpc import services_pb2 as srv
 from simple_ros.wire.calls import (
@@ -109,6 +111,9 @@ class ProviderLink(asyncio.BufferedProtocol):
         node: Its name, for people.
         addresses: ``host:port``, or ``unix://...``, tried in turn.
         on_lost: Called when the connection has ended.
+
+    Attributes:
+        room: Where the next bytes go, if that is known already.
     """
 
     def __init__(
@@ -119,6 +124,7 @@ class ProviderLink(asyncio.BufferedProtocol):
         self._on_lost = on_lost
         self._loop = asyncio.get_running_loop()
         self._decoder = FrameDecoder(DEFAULT_MAX_MESSAGE_BYTES)
+        self.room: memoryview | None = None
         self._transport: asyncio.Transport | None = None
         self._pending: dict[int, _Pending] = {}
         self._number = 0
@@ -155,9 +161,13 @@ class ProviderLink(asyncio.BufferedProtocol):
     async def _connect(self, address: str) -> None:
         if "://" in address:
             sock = await connected_unix(address)
-            await self._loop.create_unix_connection(lambda: self, sock=sock)
         else:
-            await self._loop.create_connection(lambda: self, *split_address(address))
+            sock = await connected_tcp(*split_address(address))
+        try:
+            await take_connection(lambda: self, sock)
+        except BaseException:
+            sock.close()
+            raise
 
     # -- calling -------------------------------------------------------------------------------
 
@@ -264,9 +274,16 @@ class ProviderLink(asyncio.BufferedProtocol):
 
     def buffer_updated(self, nbytes: int) -> None:
         """Answers have arrived."""
+        lone = self._decoder.lone(nbytes)
+        if lone is not None:
+            self._answered(lone)
+            return
+        self.room = None
         for run in self._decoder.received(nbytes):
             for data in run.payloads:
                 self._answered(data)
+        if self._decoder.expects_lone:
+            self.room = self._decoder.get_buffer()
         if self._decoder.error is not None and self._transport is not None:
             logger.warning(
                 "node %r does not answer as a simple_ros node: %s", self.node, self._decoder.error

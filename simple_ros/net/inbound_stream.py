@@ -92,7 +92,7 @@ class InboundStream(StreamTransport):
 async def take_connection(
     accept: Callable[[], asyncio.BufferedProtocol], connection: socket.socket
 ) -> None:
-    """Let a protocol that ``accept`` makes read a connection.
+    """Let a protocol that ``accept`` makes read a connection, one that was accepted or dialled.
 
     Raises:
         OSError: It ended before it began.

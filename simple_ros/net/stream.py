@@ -16,7 +16,7 @@ from typing import Any
 
 from simple_ros.net.quick_loop import add_quick_reader
 
-__all__ = ["StreamTransport", "connected"]
+__all__ = ["StreamTransport", "connected", "connected_tcp"]
 
 logger = logging.getLogger(__name__)
 
@@ -234,3 +234,29 @@ async def connected(family: int, address: Any) -> socket.socket:
         sock.close()
         raise
     return sock
+
+
+async def connected_tcp(host: str, port: int) -> socket.socket:
+    """The same by TCP, to the first address of a host that answers.
+
+    Raises:
+        OSError: None does, or there is none.
+    """
+    problem = OSError(f"no address for {host!r}")
+    for family, _, _, _, target in await _resolved(host, port):
+        try:
+            return await connected(family, target)
+        except OSError as error:
+            problem = error
+    raise problem
+
+
+async def _resolved(host: str, port: int) -> list[Any]:
+    """Where a host is; one written in numbers needs no thread that asks."""
+    try:
+        return socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST | socket.AI_NUMERICSERV
+        )
+    except socket.gaierror:
+        loop = asyncio.get_running_loop()
+        return await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)

@@ -14,18 +14,17 @@ from __future__ import annotations
 
 import asyncio
 import os
-import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, ClassVar, TypeAlias
+from typing import ClassVar, TypeAlias
 
 from simple_ros import plugins
 from simple_ros.errors import ConfigError
 from simple_ros.net import shm
 from simple_ros.net.addresses import join_address, split_address
-from simple_ros.net.stream import StreamTransport, connected
+from simple_ros.net.stream import StreamTransport, connected_tcp
 from simple_ros.net.unix import UnixListener, dial_unix, is_available
 from simple_ros.wire.session import Target
 
@@ -141,18 +140,8 @@ class TcpTransport(Transport):
 
     async def dial(self, address: str, protocol: asyncio.Protocol) -> None:
         """Connect."""
-        host, port = split_address(address)
-        infos = await _resolved(host, port)
-        problem = OSError(f"no address for {host!r}")
-        for family, _, _, _, target in infos:
-            try:
-                sock = await connected(family, target)
-            except OSError as error:
-                problem = error
-                continue
-            protocol.connection_made(StreamTransport(sock, protocol))
-            return
-        raise problem
+        sock = await connected_tcp(*split_address(address))
+        protocol.connection_made(StreamTransport(sock, protocol))
 
 
 class UnixTransport(Transport):
@@ -197,17 +186,6 @@ class _UnixListener(Listener):
 
     async def close(self) -> None:
         await self.inner.close()
-
-
-async def _resolved(host: str, port: int) -> list[Any]:
-    """Where a host is; one written in numbers needs no thread that asks."""
-    try:
-        return socket.getaddrinfo(
-            host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST | socket.AI_NUMERICSERV
-        )
-    except socket.gaierror:
-        loop = asyncio.get_running_loop()
-        return await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
 
 
 TCP = TcpTransport()
