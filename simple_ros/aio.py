@@ -59,6 +59,7 @@ __all__ = [
     "SubscriberStatistics",
     "Timer",
     "TimerEvent",
+    "new_loop",
     "run",
 ]
 
@@ -70,7 +71,8 @@ def run(main: Coroutine[Any, Any, Result]) -> Result | None:
 
     On SIGINT or SIGTERM ``main`` is cancelled, so that its ``async with`` blocks say goodbye, and
     None is returned. A second signal while it does changes nothing. (Signals only reach a program's
-    main thread; elsewhere this only runs ``main``.) ``SIMPLE_ROS_LOOP=uvloop`` runs it on uvloop.
+    main thread; elsewhere this only runs ``main``.) ``SIMPLE_ROS_LOOP`` chooses
+    the event loop (`new_loop`).
 
     Raises:
         SystemExit: A newer node took this one's name, or a word of the command line makes no sense

@@ -25,16 +25,21 @@ class NoSuchLoop(ConfigError):
 
 
 def new_loop() -> asyncio.AbstractEventLoop:
-    """A loop as ``SIMPLE_ROS_LOOP`` wants it: ``asyncio`` (or nothing), or ``uvloop``.
+    """A loop as ``SIMPLE_ROS_LOOP`` wants it: ``quick`` (or nothing), ``asyncio`` or ``uvloop``.
+
+    The quick one is asyncio's, made to hand on what came with less in between (`simple_ros.net.quick_loop`); where
+    the system has no epoll, it is asyncio's as it is.
 
     Raises:
         NoSuchLoop: It names another, or uvloop is not installed.
     """
-    wanted = os.environ.get("SIMPLE_ROS_LOOP", "") or "asyncio"
-    if wanted == "asyncio":
-        return QuickLoop() if quick_loop.is_available() else asyncio.new_event_loop()
+    wanted = os.environ.get("SIMPLE_ROS_LOOP", "") or "quick"
+    if wanted == "quick" and quick_loop.is_available():
+        return QuickLoop()
+    if wanted in ("quick", "asyncio"):
+        return asyncio.new_event_loop()
     if wanted != "uvloop":
-        raise NoSuchLoop(f"SIMPLE_ROS_LOOP={wanted}: there are 'asyncio' and 'uvloop'")
+        raise NoSuchLoop(f"SIMPLE_ROS_LOOP={wanted}: there are 'quick', 'asyncio' and 'uvloop'")
     try:
         import uvloop
     except ImportError:

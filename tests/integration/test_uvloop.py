@@ -79,7 +79,14 @@ BLOCKING = """
 """
 
 
-@pytest.mark.parametrize(("wanted", "module"), [("uvloop", "uvloop"), ("", "asyncio.unix_events")])
+@pytest.mark.parametrize(
+    ("wanted", "module"),
+    [
+        ("uvloop", "uvloop"),
+        ("asyncio", "asyncio.unix_events"),
+        ("", "simple_ros.net.quick_loop"),
+    ],
+)
 async def test_the_environment_chooses_the_loop(wanted: str, module: str) -> None:
     async with python("-c", textwrap.dedent(PROGRAM), SIMPLE_ROS_LOOP=wanted) as process:
         assert await process.line() == module
@@ -89,7 +96,10 @@ async def test_the_environment_chooses_the_loop(wanted: str, module: str) -> Non
 async def test_another_loop_is_an_error_that_says_which_there_are() -> None:
     async with python("-c", textwrap.dedent(PROGRAM), SIMPLE_ROS_LOOP="trio") as process:
         assert await process.wait() == 1
-        assert await process.errors() == "SIMPLE_ROS_LOOP=trio: there are 'asyncio' and 'uvloop'\n"
+        assert (
+            await process.errors()
+            == "SIMPLE_ROS_LOOP=trio: there are 'quick', 'asyncio' and 'uvloop'\n"
+        )
 
 
 async def test_blocking_programs_take_it_too(master: Master) -> None:
