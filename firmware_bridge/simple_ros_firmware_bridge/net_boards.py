@@ -59,11 +59,16 @@ class NetBoard:
         boards: Those it is one of.
         address: Where it is.
         send: Sends a message to it.
+
+    Attributes:
+        heard_at: When it last said something.
+        unanswered: How often it was asked for a sign of life since.
     """
 
     def __init__(self, boards: NetBoards, address: Address, send: Callable[[bytes], None]) -> None:
         self.address = address
         self.heard_at = boards.now()
+        self.unanswered = 0
         self._boards = boards
         self._send_message = send
         text = address_text(address)
@@ -79,6 +84,7 @@ class NetBoard:
     def received(self, message: bytes) -> None:
         """A message of it."""
         now = self.heard_at = self._boards.now()
+        self.unanswered = 0
         self.host.agent.receive(message, now)
         self.host.worked(now)
 
@@ -158,11 +164,15 @@ class NetBoards:
         self._looking = self._loop.call_later(_LOOK_S, self._look)
         now = self.now()
         for address, board in list(self._boards.items()):
-            if now - board.heard_at > _FORGOTTEN_S:
+            if now - board.heard_at <= _LOOK_S / 2:
+                continue
+            # What counts is how often it did not answer: this computer may have slept, too.
+            if board.unanswered * _LOOK_S >= _FORGOTTEN_S:
                 logger.info("board %s: silent for a minute, forgotten", board.host.name)
                 self._forget(address)
                 self.drop(address)
-            elif now - board.heard_at > _LOOK_S / 2:
+            else:
+                board.unanswered += 1
                 board.host.probe()
 
     def diagnose(self, status: Status) -> None:
