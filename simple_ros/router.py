@@ -155,8 +155,12 @@ class Route:
 
     def _choose_lone(self) -> None:
         self.take_lone = None
-        if len(self.sinks) == 1 and self.sinks[0].takes_payloads and not self._latches:
-            sink = self.sinks[0]
+        if len(self.sinks) != 1 or self._latches or not self._all_direct:
+            return
+        sink = self.sinks[0]
+        if sink.takes_batches:
+            self.take_lone = lambda payload: self._deliver_batch(sink, [payload])
+        elif sink.takes_payloads:
             self.take_lone = sink.lone_taker(self._parsers[sink], self._unparsable)
 
     def replay(self, sink: Sink) -> None:
@@ -246,7 +250,7 @@ class Route:
         if len(self.sinks) == 1:
             sink = self.sinks[0]
             if sink.takes_batches:
-                sink.take_batch(self._batch(sink, payloads))
+                self._deliver_batch(sink, payloads)
                 return
             if sink.takes_payloads:
                 sink.take_payloads(payloads, self._parsers[sink], self._unparsable)
@@ -255,6 +259,11 @@ class Route:
             return
         for payload in payloads:
             self._deliver_to_each(payload)
+
+    def _deliver_batch(self, sink: Sink, payloads: list[Payload]) -> None:
+        messages = self._batch(sink, payloads)
+        if messages:
+            sink.take_batch(messages)
 
     def _batch(self, sink: Sink, payloads: list[Payload]) -> list[Any]:
         parse = self._parsers[sink]

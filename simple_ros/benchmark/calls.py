@@ -16,7 +16,6 @@ from struct import Struct
 from typing import Any
 
 from simple_ros.benchmark.sink import say
-from simple_ros.net.loop import new_loop
 
 __all__ = ["Calls", "answer_bytes", "check", "measured", "measured_blocking", "run_calls"]
 
@@ -286,8 +285,18 @@ async def _call_bare(calls: Calls) -> dict[str, float]:
     return await measured(call, calls)
 
 
+def _on_own_loop(work: Callable[[Calls], Any]) -> Callable[[Calls], Any]:
+    def run(calls: Calls) -> Any:
+        from simple_ros.net.loop import new_loop  # later: rivals load nothing of the library
+
+        with asyncio.Runner(loop_factory=new_loop) as runner:
+            return runner.run(work(calls))
+
+    return run
+
+
 KINDS: dict[str, tuple[Callable[[Calls], Any], Callable[[Calls], Any]]] = {
-    "ours": (_serve, _call),
+    "ours": (_on_own_loop(_serve), _on_own_loop(_call)),
     "ours_blocking": (_serve_blocking, _call_blocking),
     "bare": (_serve_bare, _call_bare),
 }
@@ -300,10 +309,7 @@ def run_calls(
     """The main function of every program that answers or calls: ``KIND server|client CALLS``."""
     kind, role, text = argv or sys.argv[1:]
     made = kinds[kind][role == "client"](Calls(**json.loads(text)))
-    report = made
-    if asyncio.iscoroutine(made):
-        with asyncio.Runner(loop_factory=new_loop if kind == "ours" else None) as runner:
-            report = runner.run(made)
+    report = asyncio.run(made) if asyncio.iscoroutine(made) else made
     if report is not None:
         say(report=report)
 

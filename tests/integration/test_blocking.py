@@ -110,6 +110,7 @@ def test_both_faces_offer_the_same(blocking: type, asynchronous: type) -> None:
         *(
             "take_batch",
             "take_payloads",
+            "lone_taker",
             "room",
             "call_when_room",
             "sources_changed",

@@ -99,6 +99,44 @@ def test_messages_one_by_one_of_changing_topic_and_size(kinds: list[tuple[int, i
     assert found == [[item] if len(item[2]) < 5000 else [] for item in sent]
 
 
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([0, 0, 1]), st.sampled_from([2, 2, 3, 5000]), st.integers(0, 9)),
+        max_size=20,
+    )
+)
+def test_a_lone_message_is_taken_in_one_step_or_not_at_all(
+    kinds: list[tuple[int, int, int]],
+) -> None:
+    """What `lone` refuses comes by `received`; the room it leaves may be asked for before or after."""
+    decoder, rest, sent, found = FrameDecoder(), b"", [], []
+    room = None
+    for topic, size, late in kinds:
+        data = bytes([len(sent)]) * size
+        sent.append(("ab"[topic], "c", data))
+        frame = rest + encode_frame(encode_header("ab"[topic], "c"), data)
+        # Some come in one read, of others the end comes with the next.
+        frame, rest = (frame, b"") if late < 7 else (frame[:-1], frame[-1:])
+        while frame:
+            space = decoder.get_buffer() if room is None else room
+            count = min(len(space), len(frame))
+            space[:count], frame = frame[:count], frame[count:]
+            lone = decoder.lone(count)
+            if lone is not None:
+                names = header_names(decoder.header)
+                assert names is not None
+                found.append((*names, lone))
+                continue
+            room = None
+            for header, payloads, _ in decoder.received(count):
+                names = header_names(header)
+                assert names is not None
+                found += [(*names, bytes(view)) for view in payloads]
+            if decoder.expects_lone:
+                room = decoder.get_buffer()
+    assert found == (sent[:-1] if rest else sent)
+
+
 def test_nothing_is_delivered_after_noise_although_it_looks_like_the_last_message() -> None:
     frame = encode_frame(encode_header("a", "b"), b"12")
     decoder = FrameDecoder()

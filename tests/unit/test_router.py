@@ -3,8 +3,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import pytest
+
 from simple_ros.msg.example import SensorData
-from simple_ros.qos import DEFAULT, QosProfile
+from simple_ros.qos import DEFAULT, LATCHED, QosProfile
 from simple_ros.router import Router
 from simple_ros.wire.framing import Run, encode_header
 
@@ -36,6 +38,15 @@ class FakeSink:
     def take(self, message: Any, size: int) -> None:
         self.got.append(message if self.wants_bytes else message.sensor_id)
         self.free -= 1
+
+    def lone_taker(self, parse: Callable[[Any], Any], unparsable: Any) -> Callable[[bytes], None]:
+        return lambda payload: self.take(parse(payload), len(payload))
+
+    def take_payloads(
+        self, payloads: list[Any], parse: Callable[[Any], Any], unparsable: Any
+    ) -> None:
+        for payload in payloads:
+            self.take(parse(payload), len(payload))
 
     def take_batch(self, messages: list[Any]) -> None:
         self.got.append([m if self.wants_bytes else m.sensor_id for m in messages])
@@ -96,6 +107,56 @@ def test_a_batch_sink_gets_all_that_one_read_brought_less_what_is_bad() -> None:
     router.add("sensor", "example.SensorData", SensorData.FromString, other)
     router.receive(LINK, run(6), no_resume, force=False)
     assert (sink.got[-1], other.got) == ([6], [b"\x08\x06"])
+
+
+def test_a_lone_message_goes_straight_to_the_one_subscription() -> None:
+    sink = FakeSink(takes_payloads=True)
+    router, _, _ = make(sink)
+    lane = router.lane_of(LINK, HEADER)
+    assert lane.take_lone is None, "nothing has come on the link yet"
+    router.receive(LINK, run(1), no_resume, force=False)
+    lane = router.lane_of(LINK, HEADER)
+    assert lane.take_lone is not None
+    lane.take_lone(b"\x08\x02")
+    assert sink.got == [1, 2]
+    # One more subscription, then the first leaves, then all have left: the lane that is known says so.
+    other = FakeSink(takes_payloads=True)
+    router.add("sensor", "example.SensorData", SensorData.FromString, other)
+    assert lane.take_lone is None
+    router.remove("sensor", "example.SensorData", sink)
+    assert lane.take_lone is not None
+    lane.take_lone(b"\x08\x03")
+    assert (sink.got, other.got) == ([1, 2], [3])
+    router.remove("sensor", "example.SensorData", other)
+    assert lane.take_lone is None
+    assert router.lane_of(LINK, HEADER).take_lone is None
+
+
+def test_a_lone_message_for_a_batch_sink_is_a_batch_of_one() -> None:
+    sink = FakeSink(takes_batches=True, takes_payloads=True)
+    router, _, _ = make(sink)
+    router.receive(LINK, run(1), no_resume, force=False)
+    take = router.lane_of(LINK, HEADER).take_lone
+    assert take is not None
+    take(b"\x08\x02")
+    take(b"\xff")
+    assert sink.got == [[1], [2]]
+    assert router.bad.counts == {"unparsable": 1}
+
+
+@pytest.mark.parametrize(
+    "attributes",
+    [
+        {"takes_payloads": False},
+        {"takes_payloads": True, "is_direct": False},
+        {"takes_batches": True, "is_direct": False},
+        {"takes_payloads": True, "qos": LATCHED},
+    ],
+)
+def test_who_needs_more_than_the_message_gets_it_the_usual_way(attributes: dict[str, Any]) -> None:
+    router, _, _ = make(FakeSink(**attributes))
+    router.receive(LINK, run(1), no_resume, force=False)
+    assert router.lane_of(LINK, HEADER).take_lone is None
 
 
 def test_a_full_queue_takes_part_then_waits_one_turn_then_drops() -> None:
