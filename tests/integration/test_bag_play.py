@@ -98,7 +98,8 @@ async def test_the_pace(node: NodeHandle, player_node: NodeHandle, tmp_path: Pat
         await until(lambda: len(times) == 11)
         hindered = watch.hindered
     spans = [later - earlier for earlier, later in pairwise(times)]
-    assert sum(spans) == pytest.approx(0.25, abs=0.1 + hindered)
+    # One second at four times its pace; a machine that stands still makes it longer.
+    assert 0.15 < sum(spans) < 0.8 + hindered
     assert player.position_s == pytest.approx(player.end_s) == pytest.approx(1.0)
 
 

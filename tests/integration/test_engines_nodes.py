@@ -120,7 +120,7 @@ async def test_from_a_metric_to_a_strategy_that_is_applied(master: Master, tmp_p
     }
     assert reports[-1].applied
     assert "0x4601" in json.loads(policy.read_text())["ueSliceMapping"]
-    assert "0 experiences" not in physical.core.learning_status("4601")
+    assert ": 0 experiences" not in physical.core.learning_status("4601")
 
 
 async def test_services_of_the_radio_information_engine(master: Master) -> None:

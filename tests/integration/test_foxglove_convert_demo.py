@@ -11,6 +11,7 @@ import signal
 import socket
 import struct
 from collections.abc import AsyncIterator
+from itertools import pairwise
 from operator import attrgetter
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -153,7 +154,8 @@ async def see_the_way(app: App) -> None:
         counts.append(sum(len(entity.lines[0].points) for entity in scene.entities))
         if len(counts) == 5:
             break
-    assert counts == list(range(counts[0], counts[0] + 5))
+    # Each scene has the whole way so far; a client that is slow may miss one.
+    assert all(later > earlier for earlier, later in pairwise(counts))
 
 
 async def test_the_bridge_ends_with_the_demo() -> None:

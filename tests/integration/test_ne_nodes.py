@@ -619,7 +619,9 @@ class TestWatcher:
                         and told.tunnel_stats["text_qos_in"].qci == 85
                     )
                 )
-                assert all(told.state(f"text_QCI_{qci}").requests == 1 for qci in (9, 85))
+                await until(
+                    lambda: all(told.state(f"text_QCI_{qci}").requests == 1 for qci in (9, 85))
+                )
 
     async def test_lost_notifications(self, master: Master) -> None:
         async with MockServer(MockSettings(setup_s=0.0)) as mock:
