@@ -114,6 +114,8 @@ class InboundLink(asyncio.BufferedProtocol):
             self._go_on()
 
     def _pause(self) -> None:
+        # What comes all the same must not overtake what waits.
+        self._lane = NO_LANE
         assert self._transport is not None
         self._transport.pause_reading()
 
