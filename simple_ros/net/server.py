@@ -77,6 +77,9 @@ class InboundLink(asyncio.BufferedProtocol):
             self._feed_with_slots(self._decoder.received(nbytes), self.slots)
         if self._decoder.error is not None:
             self._refuse(self._decoder.error)
+        elif self._feeder.is_stalled:
+            # Some transports bring more all the same; it must not overtake what waits.
+            self._lane = NO_LANE
         elif self._decoder.expects_lone:
             # Now, while nothing waits: it takes time when a message has come.
             self._lane = self._receiver.lane_of(self, self._decoder.header)
@@ -114,8 +117,6 @@ class InboundLink(asyncio.BufferedProtocol):
             self._go_on()
 
     def _pause(self) -> None:
-        # What comes all the same must not overtake what waits.
-        self._lane = NO_LANE
         assert self._transport is not None
         self._transport.pause_reading()
 
