@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Hashable, Iterable
 from typing import Protocol
 
-from simple_ros.wire.framing import Run
+from simple_ros.wire.framing import LENT_BYTES, Run
 
 __all__ = ["NO_LANE", "Feeder", "Lane", "LinkReceiver", "Receiver", "Source"]
 
@@ -110,7 +110,7 @@ class Feeder:
         receive, link, resume = self._receive, self._link, self._resume
         for run in runs:
             if self._stalled:
-                self._backlog.append(run)
+                self._backlog.append(_kept(run))
                 continue
             taken = receive(link, run, resume, force=False)
             if taken < len(run.payloads):
@@ -128,7 +128,7 @@ class Feeder:
         """Keep what was not taken of a run for later."""
         if taken > 0:
             run = run._replace(payloads=run.payloads[taken:])
-        self._backlog.appendleft(run)
+        self._backlog.appendleft(_kept(run))
         if not self._stalled:
             self._stalled = True
             self._on_stalled()
@@ -151,3 +151,13 @@ class Feeder:
         given_up = sum(len(run.payloads) for run in self._backlog)
         self._backlog.clear()
         return given_up
+
+
+def _kept(run: Run) -> Run:
+    """A run that outlives the buffer it was read into: some transports bring more while a link rests."""
+    return run._replace(
+        payloads=[
+            bytes(item) if isinstance(item, memoryview) and len(item) < LENT_BYTES else item
+            for item in run.payloads
+        ]
+    )

@@ -6,6 +6,8 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from support.waiting import until
+
 from simple_ros.msg.example import SensorData
 from simple_ros.net.server import InboundLink
 from simple_ros.qos import DEFAULT, QosProfile
@@ -112,7 +114,6 @@ async def test_nothing_overtakes_what_waits_for_room() -> None:
     router.remove("sensor", "example.SensorData", slow)
     transport.bring(2)
     assert got == []
-    while not transport.reads:
-        await asyncio.sleep(0)
+    await until(lambda: transport.reads)
     transport.bring(3)
     assert got == [1, 2, 3]
