@@ -147,7 +147,7 @@ async def test_wrong_units(gnb: Gnb) -> None:
     assert "a wrong unit?" in detail
     assert "ul_snr_db of 4601" in detail
     await gnb.goes_on()
-    assert gnb.told("withheld_values") == 2
+    await until(lambda: gnb.told("withheld_values") == 2, "the measure")
 
 
 async def test_no_number(gnb: Gnb) -> None:

@@ -15,13 +15,13 @@ from simple_ros.msg.example import SensorData
 from simple_ros_master import Master
 
 PUBLISHER = """
-    import itertools
+    import itertools, sys
     from simple_ros import aio
     from simple_ros.msg.example import SensorData
 
     async def main():
         async with aio.NodeHandle("source") as node:
-            publisher = await node.advertise("sensor", SensorData)
+            publisher = await node.advertise("sensor", SensorData, qos=int(sys.argv[1]))
             counter = itertools.count()
             def tick(event):
                 for _ in range(10):
@@ -52,6 +52,8 @@ SUBSCRIBER = """
     aio.run(main())
 """
 SENSOR = TopicKey("sensor", "example.SensorData")
+SHORT, LONG = "100", "1000000"
+"""Depths of PUBLISHER: one that drops what somebody cannot read, one that outlasts who stands still."""
 
 
 def names(master: Master) -> set[str]:
@@ -64,7 +66,7 @@ async def test_kill_9_of_a_publisher(master: Master) -> None:
         subscriber = await sink.subscribe("sensor", SensorData, lambda m: got.append(m.sensor_id))
         for _ in range(2):
             got.clear()
-            async with program(PUBLISHER, master=master.address) as publisher:
+            async with program(PUBLISHER, LONG, master=master.address) as publisher:
                 await until(lambda: len(got) > 1000)
                 assert got[:1000] == list(range(1000))
                 watch = Stopwatch()
@@ -115,7 +117,7 @@ async def test_a_subscriber_that_stops_reading(master: Master) -> None:
     ):
         assert await victim.line() == "ready"
         subscriber = await sink.subscribe("sensor", SensorData, count)
-        async with program(PUBLISHER, master=master.address) as publisher:
+        async with program(PUBLISHER, SHORT, master=master.address) as publisher:
             assert await victim.line() == "1"
             victim.signal(signal.SIGSTOP)
             before = got
@@ -136,7 +138,7 @@ async def test_kill_9_of_the_master_under_load() -> None:
             AsyncExitStack() as rest,
         ):
             assert await subscriber.line() == "ready"
-            publisher = await rest.enter_async_context(program(PUBLISHER, master=address))
+            publisher = await rest.enter_async_context(program(PUBLISHER, LONG, master=address))
             assert await publisher.line() == "ready"
             assert await subscriber.line() == "1"
             first.signal(signal.SIGKILL)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from support.cli import following, run, run_json
+from support.waiting import until
 
 from simple_ros.aio import NodeHandle
 from simple_ros_master import Master
@@ -72,7 +73,8 @@ async def test_changing(master: Master) -> None:
             "",
             "",
         )
-        assert (node.parameters["~gain"], node.parameters["~mode"]) == (2.0, "1")
+        # The node hears it beside the answer to the command.
+        await until(lambda: (node.parameters["~gain"], node.parameters["~mode"]) == (2.0, "1"))
         assert await node.get_parameter("x") == -5
         cases: list[tuple[tuple[str, ...], int, str]] = [
             (("set", gain, "9"), 1, "9.0 is more than its maximum 5"),

@@ -25,6 +25,8 @@ from simple_ros_firmware_bridge.simulator.pty_board import PtyBoard
 from simple_ros_master import Master
 
 RNG = random.Random(20261122)
+LONGER_THAN_A_STALL_S = 1.5
+"""As `_SILENT_S` where nothing must be called silent only since this process stood still."""
 
 
 @pytest.fixture(autouse=True)
@@ -60,13 +62,14 @@ async def test_what_is_wrong_is_said(
 ) -> None:
     async with PtyBoard(Firmware(), spoil_up=spoil) as board:
         async with bridge(master, BoardConfig(board.path)) as made:
-            await until(lambda: words in caplog.text, words)
-            assert words in made.boards[0].judged.text
+            judged = made.boards[0]
+            await until(lambda: words in caplog.text and words in judged.judged.text, words)
 
 
 async def test_silence_is_told_once_and_its_end(
-    master: Master, caplog: pytest.LogCaptureFixture
+    master: Master, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(judgement, "_SILENT_S", LONGER_THAN_A_STALL_S)
     muted = False
 
     def spoil(data: bytes) -> bytes:
@@ -83,8 +86,9 @@ async def test_silence_is_told_once_and_its_end(
 
 
 async def test_a_board_that_only_listens_is_not_called_silent(
-    master: Master, caplog: pytest.LogCaptureFixture
+    master: Master, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(judgement, "_SILENT_S", LONGER_THAN_A_STALL_S)
     firmware = Firmware()
     firmware.client.publish = lambda *_: False  # type: ignore[method-assign]
     async with PtyBoard(firmware) as board, bridge(master, BoardConfig(board.path)) as made:
@@ -92,9 +96,12 @@ async def test_a_board_that_only_listens_is_not_called_silent(
         await until(lambda: "subscribes rt/cmd_vel" in caplog.text, "a session")
         assert agent.session is not None
         (down,) = agent.session.streams.downlinks
-        await until(lambda: down.output.counters.heartbeats > 10, "questions whether it is there")
+        asked = down.output.counters.heartbeats
+        await until(
+            lambda: down.output.counters.heartbeats > asked + 20, "questions whether it is there"
+        )
         assert "silent" not in caplog.text
-        assert made.boards[0].judged.text == "connected"
+        await until(lambda: made.boards[0].judged.text == "connected", "a good judgement")
 
 
 @pytest.mark.parametrize(

@@ -352,9 +352,11 @@ async def test_further_addresses_are_tried_when_the_first_does_not_answer(master
     """As for a peer whose IPv4 is behind another interface, or that has IPv6 only."""
     import socket
 
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        closed_port = taken.getsockname()[1]
     async with NodeHandle("source", master=master.address) as node, ForeignListener() as cpp:
+        # Bound, so that nobody else gets it, and refusing, since nobody listens.
+        closed = socket.socket()
+        closed.bind(("127.0.0.1", 0))
+        closed_port = closed.getsockname()[1]
         publisher = await node.advertise("sensor", SensorData)
         publisher.publish(SensorData(sensor_id=1))
         target = ros.NodeInfo(
@@ -366,6 +368,7 @@ async def test_further_addresses_are_tried_when_the_first_does_not_answer(master
         node.endpoints.apply_targets("sensor", [target])
         publisher.publish(SensorData(sensor_id=2))
         await until(lambda: len(cpp.frames) == 1)
+        closed.close()
 
 
 async def test_everything_may_be_done_inside_a_plain_callback(master: Master) -> None:

@@ -220,12 +220,13 @@ async def outcome(master: Master, *words: str) -> tuple[int, str, str]:
 async def test_command_line(master: Master) -> None:
     async with python("-c", ROBOT, SIMPLE_ROS_MASTER=master.address) as robot:
         assert await robot.line() == "ready"
+        # Long enough to see all of it although the robot stands still for a while.
         trees, dot, found, echoed, wrong, monitored = await asyncio.gather(
-            outcome(master, "tf", "tree", "--duration", "0.5"),
-            outcome(master, "tf", "tree", "--duration", "0.5", "--dot"),
-            outcome(master, "tf", "tree", "--duration", "0.5", "--json"),
+            outcome(master, "tf", "tree", "--duration", "2.5"),
+            outcome(master, "tf", "tree", "--duration", "2.5", "--dot"),
+            outcome(master, "tf", "tree", "--duration", "2.5", "--json"),
             outcome(master, "tf", "echo", "odom", "camera", "-n", "2", "--rate", "50"),
-            outcome(master, "tf", "echo", "odom", "camrea", "--timeout", "0.3"),
+            outcome(master, "tf", "echo", "odom", "camrea", "--timeout", "2.5"),
             outcome(master, "tf", "monitor", "-n", "1"),
         )
     assert trees[0] == 0, trees
@@ -234,7 +235,8 @@ async def test_command_line(master: Master) -> None:
     assert lines[1].startswith("└─ base")
     assert "Hz" in lines[1]
     assert lines[2].split() == ["└─", "camera", "static"]
-    assert lines[-1] == "(!) there are 2 trees, with the roots 'odom', 'world'"
+    # Who stands still while transforms come in finds that they are late, and says that, too.
+    assert "(!) there are 2 trees, with the roots 'odom', 'world'" in lines
     assert '"odom" -> "base" [label=' in dot[1]
     value = json.loads(found[1])
     assert value["roots"] == ["odom", "world"]
@@ -242,7 +244,7 @@ async def test_command_line(master: Master) -> None:
     assert echoed[1].count("translation  x 2.5000  y 0.0000  z 0.0000 m") == 2
     assert wrong[0] == 1
     assert (
-        "error: not within 0.3 s: frame 'camrea' does not exist; did you mean 'camera'" in wrong[2]
+        "error: not within 2.5 s: frame 'camrea' does not exist; did you mean 'camera'" in wrong[2]
     )
     assert monitored[1].splitlines()[0].split() == [
         "frame",

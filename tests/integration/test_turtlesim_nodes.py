@@ -49,7 +49,7 @@ async def test_poses_have_a_tag_and_commands_none(master: Master) -> None:
         command.linear.x, command.angular.z = 1.0, 0.5
         node.create_timer(0.05, lambda _: drive.publish(command))
         await until(lambda: poses and poses[-1].x > 6 and poses[-1].theta > 0.1, "it drives")
-        assert poses[-1].linear_velocity == pytest.approx(1.0)
+        await until(lambda: poses[-1].linear_velocity == pytest.approx(1.0), "at that speed")
         command.linear.x = math.nan
         seen = len(poses)
         await until(lambda: len(poses) > seen + 5)
@@ -111,7 +111,7 @@ async def test_the_loop_closes_over_topics_and_does_what_it_is_asked(master: Mas
         await until(lambda: scores, "a score of its own")
         assert scores[-1].identifier == Mos.AUTOMATIC
         assert list(scores[-1].topics) == ["turtle1/pose", "turtle1/cmd_vel"]
-        await asking.wait_for_subscribers(1, timeout=30)
+        await asking.wait_for_subscribers(2, timeout=30)
         asking.publish(AdaptationRequest(group="turtle2", speed_factor=0.1))
         asking.publish(
             AdaptationRequest(topics=["/turtle1/pose"], speed_factor=0.5, rate_factor=0.25)

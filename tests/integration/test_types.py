@@ -40,6 +40,7 @@ async def test_a_tool_decodes_a_type_it_has_never_seen(master: Master) -> None:
         theirs = await tool.client.message_class(topic.msg_type)
         assert theirs is not mine
         await tool.subscribe("things", topic.msg_type, got.append, raw=True)
+        await publisher.wait_for_subscribers(1, timeout=30)
         publisher.publish(mine(field1=7, field2="seven"))
         await until(lambda: got)
         decoded = theirs.FromString(got[0])

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 
+import pytest
 from support.foreign_master import ForeignMaster
 from support.peers import ForeignListener
-from support.waiting import until
+from support.waiting import LIMIT_S, until
 
+from simple_ros import registration
 from simple_ros.aio import NodeHandle
 from simple_ros.msg.example import SensorData
 from simple_ros.rpc import ros_rpc_pb2 as ros
@@ -50,7 +52,9 @@ async def test_messages_flow_between_our_nodes() -> None:
     assert master.crashed == []
 
 
-async def test_goodbye_is_said_one_at_a_time() -> None:
+async def test_goodbye_is_said_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    # However long this process stands still in between: nothing is left out for want of time.
+    monkeypatch.setattr(registration, "_GOODBYE_S", LIMIT_S)
     async with ForeignMaster() as master:
         async with (
             NodeHandle("source", master=master.address) as source,
@@ -106,6 +110,7 @@ async def test_a_stale_push_about_a_foreign_topic_is_harmless() -> None:
     async with ForeignMaster() as master, NodeHandle("node", master=master.address) as node:
         publisher = await node.advertise("sensor", SensorData)
         other = ros.NodeInfo(ip="127.0.0.1", port=1, node_name="dead")
+        await until(lambda: len(master.pushes) == 1, "the end of the push before")
         master._push(
             master.nodes["node"], ros.TopicTargetsUpdate(topic="old_life", add_targets=[other])
         )
