@@ -19,14 +19,16 @@ _LOOK_EVERY_S = 0.02
 
 def main() -> None:
     """Run as described above; this file is started by path, with none of the library imported."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # SIGHUP comes to one that stands still (SIGSTOP) while its owner is killed.
+    for ignored in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(ignored, signal.SIG_IGN)
     groups: dict[int, None] = {}
     for line in sys.stdin:
-        number = int(line[1:])
+        group = int(line[1:])
         if line[0] == "+":
-            groups[number] = None
+            groups[group] = None
         else:
-            groups.pop(number, None)
+            groups.pop(group, None)
     left = [group for group in groups if _signalled(group, signal.SIGTERM)]
     end = time.monotonic() + _GRACE_S
     while left and time.monotonic() < end:

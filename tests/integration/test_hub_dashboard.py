@@ -34,7 +34,9 @@ async def page_of_a_hub(master: Master, place: Path) -> AsyncIterator[tuple[Page
         try:
             async with hub_process(master, place, *options, discovery_time=0.1):
                 await until(lambda: seen.operates, "operation", LONG_S)
-                url = next(t for t in seen.texts() if t.startswith("Dashboard at ")).split()[-1]
+                said = "Dashboard at "
+                await until(lambda: any(t.startswith(said) for t in seen.texts()), said)
+                url = next(t for t in seen.texts() if t.startswith(said)).split()[-1]
                 async with opened(url, place / "profile") as page:
                     await page.becomes(f"document.querySelector('{ROW} select')", "components")
                     await page.evaluate(

@@ -33,7 +33,7 @@ async def topics_of_the_layout() -> set[str]:
 async def test_both_runs_are_driven_seen_and_plotted(tmp_path: Path) -> None:
     wanted, master = await topics_of_the_layout(), ""
     plot = tmp_path / "both.svg"
-    words = ("--laps", "1.5", "--speed", "20", "--plot", str(plot))
+    words = ("--laps", "2", "--speed", "20", "--plot", str(plot))
     ports = ("--dashboard", "0", "--foxglove-port", "0")
     async with python(*DEMO, *words, *ports) as process:
         while not (link := await process.line(60)).startswith("in Foxglove: open "):
@@ -45,9 +45,11 @@ async def test_both_runs_are_driven_seen_and_plotted(tmp_path: Path) -> None:
                 said = await asyncio.wait_for(app.recv(), 30)
                 channels = json.loads(said).get("channels", ()) if isinstance(said, str) else ()
                 wanted -= {channel["topic"] for channel in channels}
-        while "engines on" not in (line := await process.line(60)):
-            master = line.partition("SIMPLE_ROS_MASTER=")[2].partition(" ")[0] or master
+        while not master:
+            master = (await process.line(60)).partition("SIMPLE_ROS_MASTER=")[2].partition(" ")[0]
         async with NodeHandle("person", master=master, arguments=Arguments()) as person:
+            while "engines on" not in await process.line(60):
+                pass
             await person.set_parameters({"/wireless_demo/engines": False})
             while "engines off" not in await process.line(60):
                 pass

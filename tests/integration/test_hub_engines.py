@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import time
 from collections.abc import AsyncIterator, Callable
 
 import pytest
 from support.engines import at_work, user
-from support.waiting import until
+from support.waiting import LIMIT_S, until
 
 from simple_ros.aio import NodeHandle
 from simple_ros.msg.wireless_ros_msgs import (
@@ -45,15 +47,25 @@ class Chain:
         self.grants: Publisher[ResourceGrants] = await advertise(
             "/wireless_ros/resource_grants", ResourceGrants, qos=LATCHED
         )
-        await self.node.subscribe(
+        subscriber = await self.node.subscribe(
             "/wireless_ros/transmission_strategy", TransmissionStrategy, self.strategies.append
         )
         for publisher in (self._metrics, self._constraints, self.grants):
             await publisher.wait_for_subscribers(1, timeout=30)
+        # A strategy that is told before the engine knows of us does not come.
+        while not subscriber.publisher_count:
+            self._tell()
+            with contextlib.suppress(AssertionError):
+                await until(lambda: subscriber.publisher_count, limit=0.2)
 
     async def strategy(self) -> TransmissionStrategy:
         """What the engine makes of a link that 20 Mbit/s shall go over; from no loss it learns nothing."""
         count = len(self.strategies)
+        self._tell()
+        await until(lambda: len(self.strategies) > count, "a strategy")
+        return self.strategies[-1]
+
+    def _tell(self) -> None:
         self._seq += 1
         metrics = PhyLayerMetrics(link_id="x", snr_db=11.5, mcs=10, channel_capacity=4)
         metrics.header.seq = self._seq
@@ -61,19 +73,16 @@ class Chain:
         constraint = Constraint(link_id="x", max_data_rate=20, constraint_type="STANDARD")
         constraint.header.seq = self._seq
         self._constraints.publish(constraint)
-        await until(lambda: len(self.strategies) > count, "a strategy")
-        return self.strategies[-1]
 
     async def becomes(
         self, wanted: Callable[[TransmissionStrategy], bool], what: str
     ) -> TransmissionStrategy:
         """Ask until a strategy is so: what was said before goes another way than metrics do."""
-        for _ in range(500):
-            newest = await self.strategy()
-            if wanted(newest):
-                return newest
+        end = time.monotonic() + LIMIT_S
+        while not wanted(newest := await self.strategy()):
+            assert time.monotonic() < end, f"{what}: {newest}"
             await asyncio.sleep(0.005)
-        raise AssertionError(f"{what}: {newest}")
+        return newest
 
 
 @pytest.fixture

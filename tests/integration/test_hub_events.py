@@ -16,6 +16,7 @@ from simple_ros.msg.wireless_ros_msgs import (
     ControlComponentRequest,
     GetSystemEvents,
     GetSystemEventsRequest,
+    SystemEvent,
 )
 from simple_ros_hub.event_log import EventLog
 from simple_ros_master import Master
@@ -43,6 +44,15 @@ def directory_of(place: Path) -> Path:
     return next(place.glob("hub-*"))
 
 
+async def all_heard(seen: Watcher) -> list[SystemEvent]:
+    """What the hub keeps, once all of it was heard: what a hub that is killed had not sent yet is lost."""
+    ask = seen.node.service_client("/wireless_ros/get_system_events", GetSystemEvents)
+    kept = (await ask.call(GetSystemEventsRequest())).events
+    numbers = {event.number for event in kept}
+    await until(lambda: {event.number for event in seen.events} >= numbers, "all events")
+    return list(kept)
+
+
 def count(seen: Watcher, words: str) -> int:
     return sum(words in text for text in seen.texts())
 
@@ -58,6 +68,7 @@ async def test_each_event_once_over_three_hubs(master: Master, place: Path) -> N
             answer = await control.call(ControlComponentRequest(name="hand", action="stop"))
             assert answer.ok
             await until(lambda: count(seen, "Stopped hand") == 1, "a stop", LONG_S)
+            await all_heard(seen)
             before = seen.pids
             # The hub first: nobody is there to see the other one end.
             first.signal(signal.SIGKILL)
@@ -70,13 +81,14 @@ async def test_each_event_once_over_three_hubs(master: Master, place: Path) -> N
             assert seen.pids["ear"] not in (0, before["ear"])
             # What somebody stopped by hand stays so.
             assert seen.component("hand").state == "stopped"
+            await all_heard(seen)
             second.signal(signal.SIGKILL)
             await second.wait()
             seen.forget()
         async with hub_process(master, place, *words) as third:
             await operating(seen)
-            ask = seen.node.service_client("/wireless_ros/get_system_events", GetSystemEvents)
-            kept = (await ask.call(GetSystemEventsRequest())).events
+            # Whoever listens all the time hears each once, and misses none.
+            kept = await all_heard(seen)
             numbers = [event.number for event in kept]
             assert numbers == list(range(1, len(kept) + 1))
             assert sum("hub before this one died" in event.text for event in kept) == 2
@@ -86,8 +98,6 @@ async def test_each_event_once_over_three_hubs(master: Master, place: Path) -> N
             ]
             assert sum("Taken over" in event.text for event in kept) == 1 + 2
             assert not any("not started by this hub" in event.text for event in kept)
-            # Whoever listens all the time hears each once, and misses none.
-            await until(lambda: {e.number for e in seen.events} >= set(numbers), "all events")
             assert len({event.number for event in seen.events}) == len(seen.events)
             third.signal(signal.SIGINT)
             assert await third.wait(LONG_S) == 0

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.hubs import end_all, started
+from support.hubs import end_all, is_alive, started
 from support.waiting import until
 
 from simple_ros.launch import Limits
@@ -38,13 +38,6 @@ class Kept:
 def place(tmp_path: Path) -> Iterator[Path]:
     yield tmp_path
     end_all(tmp_path)
-
-
-def is_alive(pid: int) -> bool:
-    try:
-        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return False
 
 
 async def test_ends_are_told_with_the_last_line(place: Path) -> None:
@@ -91,7 +84,7 @@ async def test_what_it_started_ends_with_it_even_if_stopped(place: Path) -> None
 async def test_another_keeper_takes_over(place: Path) -> None:
     first = Kept(place)
     pids = {name: first.keeper.start(component(name)) for name in ("one", "two")}
-    await until(lambda: first.keeper.last_line("two") == "up", "running")
+    await until(lambda: all(first.keeper.last_line(name) == "up" for name in pids), "running")
     await first.keeper.close(leave_running=True)
     elsewhere = Kept(place / "other")
     assert elsewhere.keeper.recover({name: component(name) for name in pids}) == {}
@@ -120,14 +113,20 @@ async def test_what_is_not_known_any_more_is_ended(place: Path) -> None:
 
 
 async def test_limits_hold_for_one_process_only(place: Path) -> None:
-    greedy = "import time; time.sleep(0.2); block = bytearray(400_000_000)"
+    greedy = "block = bytearray(400_000_000)"
+    # The last limit that is set: before that nothing is promised.
+    limited = (
+        "import os, time\n"
+        "while os.getpriority(os.PRIO_PROCESS, 0) != 3: time.sleep(0.005)\n"
+        f"{greedy}"
+    )
     kept = Kept(place)
     limits = Limits(memory_bytes=200_000_000, files=64, nice=3)
     pid = kept.keeper.start(component("kept", limits=limits))
     assert os.getpriority(os.PRIO_PROCESS, pid) == 3
     assert resource.prlimit(pid, resource.RLIMIT_DATA)[0] == 200_000_000
     assert resource.prlimit(pid, resource.RLIMIT_NOFILE)[0] == 64
-    kept.keeper.start(component("greedy", greedy, limits))
+    kept.keeper.start(component("greedy", limited, limits))
     kept.keeper.start(component("free", greedy))
     await until(lambda: len(kept.ends) == 2, "two ends")
     assert kept.ends == {

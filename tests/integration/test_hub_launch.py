@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.hubs import end_all, started, watcher
+from support.hubs import end_all, is_alive, started, watcher
 from support.processes import python
 from support.waiting import until
 
@@ -49,12 +49,13 @@ async def test_launched_and_killed_and_ended(master: Master, place: Path) -> Non
     ):
         await until(lambda: seen.operates, "operation", LONG_S)
         # A policy may have chosen another mode since.
-        modes = {item.mode for status in seen.statuses for item in status.components}
-        assert "burst" in modes
+        assert "burst" in {item.mode for status in seen.statuses for item in status.components}
         assert await seen.node.get_parameter("/wireless_ros/hub/max_total_prbs") == 7
         before = seen.pids
         lock = next((place / "run").glob("hub-*")) / "hub.lock"
-        os.kill(int(lock.read_text()), signal.SIGKILL)
+        hub = int(lock.read_text())
+        os.kill(hub, signal.SIGKILL)
+        await until(lambda: not is_alive(hub), "its end")
         seen.forget()
         await until(lambda: seen.operates, "operation of the next hub", LONG_S)
         assert seen.pids == before

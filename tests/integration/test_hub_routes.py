@@ -82,10 +82,13 @@ async def test_messages_take_the_link_that_works(master: Master, place: Path) ->
             await until(lambda: "wifi" in wifi.route and sent > 20, "links", LONG_S)
             quality["wifi"] = 0.1
             await until(lambda: lte.messages_out > 5, "messages by the other link", LONG_S)
+            # Events come another way than routes and messages do.
+            await until(lambda: events(seen), "the event")
             assert events(seen) == ["Route lte is taken: wifi has quality 0.10"]
             quality["wifi"] = 0.9
             came = wifi.messages_out
             await until(lambda: wifi.messages_out > came + 5, "the way back", LONG_S)
+            await until(lambda: len(events(seen)) > 1, "the event")
             assert events(seen)[1:] == ["Route wifi is taken: wifi is good again"]
         # At a change one may be missing or come twice, not more.
         assert len(set(got)) > 0.8 * (got[-1] - got[0])

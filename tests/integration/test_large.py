@@ -50,7 +50,7 @@ async def test_arrays_go_in_and_come_out_and_others_get_the_plain_message(
             if transports == TCP:
                 # The array is the user's again.
                 pixels[:] = 255
-            await until(lambda value=value: len(plain) == value + 1)
+            await until(lambda value=value: len(plain) == len(arrays) == value + 1)
         assert [image_to_numpy(item).max() for item in arrays] == list(range(8))
         assert [int(np.frombuffer(item.data, np.uint8).min()) for item in arrays] == list(range(8))
         assert arrays[3].to_message() == plain[3]

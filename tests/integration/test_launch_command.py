@@ -71,6 +71,9 @@ async def test_it_starts_a_master_and_ends_all_on_ctrl_c(here: Path) -> None:
             "camera: started (pid N)",
         ]
         children = psutil.Process(launch.pid).children(recursive=True)
+        # It is ready as soon as the Master knows it, and says so a moment later.
+        log = here / "log" / "latest" / "camera.log"
+        await until(lambda: "here" in log.read_text().splitlines(), "its word")
         watch = Stopwatch()
         launch.signal(signal.SIGINT)
         assert await launch.wait() == 0

@@ -127,7 +127,8 @@ aio.run(main())
         supervisor.run("seen", node, after=("first",), ready=seen)
         supervisor.run("last", STAY, after=("seen",), ready=UP)
         await supervisor.in_state("last", State.RUNNING)
-        assert supervisor.last_lines("first") == ("True",)
+        # It says so after it has told.
+        await until(lambda: supervisor.last_lines("first") == ("True",), "its word")
         kinds = [(event.name, type(event).__name__) for event in supervisor.events]
         pairs = [
             (name, kind) for name in ("first", "seen", "last") for kind in ("Started", "IsReady")
@@ -165,7 +166,8 @@ async def test_what_a_process_leaves_behind_ends_with_it() -> None:
     async with supervising() as supervisor:
         supervisor.run("a", code)
         await supervisor.in_state("a", State.ENDED)
-        assert is_gone(int(supervisor.last_lines("a")[0].split()[1]))
+        left = int(supervisor.last_lines("a")[0].split()[1])
+        await until(lambda: is_gone(left), "its child to end")
 
 
 async def test_limits_directory_and_environment(tmp_path: Path) -> None:

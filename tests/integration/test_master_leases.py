@@ -210,6 +210,7 @@ async def test_a_stream_that_opens_no_lease_is_told_why(client, request_):
 
 async def test_a_leased_node_needs_no_listener_to_live(master, client, watch, monkeypatch):
     monkeypatch.setattr(link_module, "PATIENCE_S", 0.2)
+    assert (await read(watch)).HasField("snapshot")
     async with BareNode("witness") as witness:
         stream = await leased(client, ours("n", 9))
         await advertise(client, "t", ours("n", 9))

@@ -150,6 +150,8 @@ async def test_a_node_that_takes_nothing_delays_nobody_and_is_told_everything_la
     client, master, monkeypatch
 ):
     monkeypatch.setattr(link_module, "MAX_FRAMES", 50)
+    # Nobody listens where the subscribers are said to be: they stay until all is told.
+    monkeypatch.setattr(link_module, "PATIENCE_S", 60.0)
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
         listener.bind(("127.0.0.1", 0))

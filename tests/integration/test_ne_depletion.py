@@ -95,6 +95,7 @@ async def test_it_goes_as_in_the_papers_figure_and_back(master: Master) -> None:
         network.control({"least_delay_ms": 51.0})
         await until(lambda: seen.status.speed_factor == 0.5, "the turtle slows down", 40)
         assert seen.status.control_rate == pytest.approx(10.0)
+        await until(lambda: any(one.rate_factor < 1 for one in seen.asked), "the request", 20)
         assert seen.asked[-1].requester == "mos_qos_ratio_maximizer"
 
         network.control({"least_delay_ms": 0.0})
@@ -120,6 +121,8 @@ class Told:
         await self._node.subscribe(
             "/application_adaptation_request", AdaptationRequest, self.asked.append
         )
+        # Each request is said once.
+        await self.shortage._requests.wait_for_subscribers(1, 30)
 
     def state(self, state: str, requests: int, *, refused: bool = False) -> None:
         told = FlowQosArray()

@@ -10,7 +10,7 @@ import socket
 import pytest
 from support.peers import ForeignListener
 from support.processes import master_process, program
-from support.waiting import Stopwatch, until
+from support.waiting import STALL_S, Stopwatch, until
 
 from simple_ros.aio import MasterClient, NodeHandle
 from simple_ros.errors import (
@@ -124,7 +124,7 @@ async def test_master_restart_all_register_again_and_links_never_stop() -> None:
                             break
                     except (LookupError, MasterUnavailable):
                         pass
-                    assert returned.seconds < 2.0, "within 2 s of the Master's return"
+                    assert returned.seconds < 2.0 + STALL_S, "within 2 s of the Master's return"
                     await asyncio.sleep(0.01)
                 publisher.publish(SensorData(sensor_id=10))
                 await until(lambda: len(got) == len(cpp.frames) == 11)
@@ -241,13 +241,14 @@ async def test_signals_end_a_node_quietly_within_a_second(
 ) -> None:
     async with program(TALKER, master=master.address) as talker:
         assert await talker.line() == "ready"
-        assert "talker" in [node.name for node in master.graph.snapshot().nodes]
+        assert "talker" in master.graph
         watch = Stopwatch()
         talker.signal(number)
         assert await talker.wait() == 0
-        assert watch.seconds < 1.0
+        assert watch.seconds < 1.0 + STALL_S
         assert await talker.errors() == ""
-        assert "talker" not in [node.name for node in master.graph.snapshot().nodes]
+        # It does not wait for long until its goodbye is heard.
+        await until(lambda: "talker" not in master.graph, "its goodbye")
 
 
 async def test_a_program_that_loses_its_name_ends_with_one_line(master: Master) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -26,12 +27,17 @@ class Watcher:
         self.node = node
         self.statuses: list[SystemStatus] = []
         self.events: list[SystemEvent] = []
+        self._since_ns = 0
 
     async def open(self) -> None:
         await self.node.subscribe(
-            "/wireless_ros/system_status", SystemStatus, self.statuses.append, qos=LATCHED
+            "/wireless_ros/system_status", SystemStatus, self._status, qos=LATCHED
         )
         await self.node.subscribe("/wireless_ros/system_events", SystemEvent, self.events.append)
+
+    def _status(self, message: SystemStatus) -> None:
+        if message.header.stamp.ToNanoseconds() >= self._since_ns:
+            self.statuses.append(message)
 
     @property
     def newest(self) -> SystemStatus:
@@ -53,6 +59,8 @@ class Watcher:
         return [event.text for event in self.events]
 
     def forget(self) -> None:
+        """Count only what is said from now on, not what a hub that has ended left under way."""
+        self._since_ns = time.time_ns()
         self.statuses.clear()
 
 
@@ -78,6 +86,14 @@ async def hub_process(
         SIMPLE_ROS_ARGS=" ".join(f"_{name}:={value}" for name, value in parameters.items()),
     ) as process:
         yield process
+
+
+def is_alive(pid: int) -> bool:
+    """Whether a process goes on, seen from here."""
+    try:
+        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
 
 
 def end_all(directory: Path) -> None:

@@ -12,6 +12,9 @@ from pathlib import Path
 # For what is sure to come: only a mistake makes it longer, however busy the machine.
 LIMIT_S = 30.0
 
+# A process of a shared machine may stand still so long, also where nothing tells (see `Stopwatch`).
+STALL_S = 0.5
+
 _PRESSURE = Path("/proc/pressure/cpu")
 _STALLED_US = re.compile(r"^some .*total=(\d+)$", re.MULTILINE)
 
