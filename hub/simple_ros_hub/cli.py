@@ -14,6 +14,7 @@ import yaml
 
 from simple_ros import aio, plugins
 from simple_ros.errors import ConfigError, SimpleRosError
+from simple_ros.net.addresses import address_of
 from simple_ros.ready import ready
 from simple_ros_hub.components import (
     RESPAWN,
@@ -87,7 +88,7 @@ def command(
     logging.getLogger("websockets").setLevel(logging.WARNING)
     try:
         components = with_parameters(_components(config, cell or [], restarts), parameter or [])
-        page = _page(dashboard) if dashboard else None
+        page = address_of(dashboard, "dashboard address") if dashboard else None
         aio.run(
             _stop(master, components)
             if end
@@ -97,13 +98,6 @@ def command(
         reason = getattr(error, "strerror", None) or error
         typer.echo(f"{PROGRAM}: error: {reason}", err=True)
         raise typer.Exit(1) from None
-
-
-def _page(text: str) -> tuple[str, int]:
-    # See `Hub`: only who wants the page waits for it.
-    from simple_ros_hub.dashboard import address_of
-
-    return address_of(text)
 
 
 def _components(config: Path | None, cells: list[str], restarts: int) -> tuple[Component, ...]:

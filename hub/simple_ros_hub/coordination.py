@@ -100,7 +100,7 @@ class Coordinator:
         self.manages_priorities = True
         self._admission = Admission(self.limits.max_users)
         self._wishes: dict[str, _Wish] = {}
-        self._constraints: dict[str, Constraint] = {}
+        self._constraints: dict[str, tuple[Constraint, float]] = {}
         self._metrics: dict[str, tuple[PhyLayerMetrics, float]] = {}
         self._carrier: dict[str, int] = {}
         self._load = 0.0
@@ -120,15 +120,15 @@ class Coordinator:
         if message.prb_total:
             self._carrier[message.link_id] = message.prb_total
 
-    def constraint(self, message: Constraint) -> None:
+    def constraint(self, message: Constraint, now_s: float) -> None:
         """What a link is asked to carry at most."""
-        self._constraints[message.link_id] = message
+        self._constraints[message.link_id] = (message, now_s)
 
     def strategy(self, message: TransmissionStrategy, now_s: float) -> None:
         """How a link is to be used."""
         key = message.link_id
         priority = min(5, max(1, message.priority))
-        constraint = self._constraints.get(key)
+        constraint, _ = self._constraints.get(key, (None, 0.0))
         rate = message.rate_bps if constraint is None else constraint.max_data_rate * 1e6
         rate_kbps = math.ceil(max(rate, message.rate_bps) / 1000)
         blocks = wished_blocks(message, constraint)
@@ -154,7 +154,9 @@ class Coordinator:
         rates = self._requests(keys, "rate_kbps", self.limits.rate_floor_kbps)
         if self.manages_priorities:
             critical = {
-                key: self._constraints[key].criticality for key in keys if key in self._constraints
+                key: self._constraints[key][0].criticality
+                for key in keys
+                if key in self._constraints
             }
             blocks = managed(blocks, self._load, critical)
         kbps = int(1000 * self.limits.max_total_bandwidth_mbps)
@@ -219,7 +221,10 @@ class Coordinator:
     def _forget(self, now_s: float) -> None:
         for key in [k for k, wish in self._wishes.items() if now_s - wish.seen_s > 2 * _FRESH_S]:
             del self._wishes[key]
-            self._constraints.pop(key, None)
+        # A link comes back under another key: what nobody wishes any more must not stay.
+        for key in [k for k, (_, seen) in self._constraints.items() if now_s - seen > 2 * _FRESH_S]:
+            if key not in self._wishes:
+                del self._constraints[key]
         for key in [k for k, (_, seen) in self._metrics.items() if now_s - seen > 2 * _FRESH_S]:
             del self._metrics[key]
             self._carrier.pop(key, None)

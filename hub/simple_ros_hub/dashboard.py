@@ -32,7 +32,7 @@ from simple_ros_hub.policy import POLICIES
 if TYPE_CHECKING:
     from simple_ros_hub.hub import Hub
 
-__all__ = ["Dashboard", "address_of"]
+__all__ = ["Dashboard"]
 
 logger = logging.getLogger(__name__)
 
@@ -47,18 +47,6 @@ _PERIOD_S = 0.5
 _EVENTS = 100
 _MOST_BYTES = 4096
 _MODES = ("realtime", "burst", "optimized")
-
-
-def address_of(text: str) -> tuple[str, int]:
-    """Host and port of ``[HOST:]PORT``; 127.0.0.1 if there is no host.
-
-    Raises:
-        ConfigError: It is no such text.
-    """
-    host, _, port = text.rpartition(":")
-    if not port.isdigit() or int(port) > 65535:
-        raise ConfigError(f"dashboard address {text!r} is not of the form [HOST:]PORT")
-    return host.strip("[]") or "127.0.0.1", int(port)
 
 
 class Dashboard:

@@ -142,7 +142,13 @@ class Hub:
         before = self.recollection.recall()
         # First what is ours: signs of life that come before would count as strangers'.
         all_known = self.recollection.take_over(before)
-        self.senses = Senses(self.node, self.coordinator, self._heard, self.settings.flow_period_s)
+        self.senses = Senses(
+            self.node,
+            self.coordinator,
+            self._heard,
+            self.settings.flow_period_s,
+            self.components.keys(),
+        )
         await self.senses.open()
         self.supervision.discovered(all_known=all_known)
         await self.services.open()
@@ -325,12 +331,13 @@ class Hub:
         """Carry out what supervision has decided."""
         for action in self.supervision.take_actions():
             self._carry_out(action)
+        # Before anybody hears of it: the next hub must know what this one has told.
+        self.remember()
         for happening in self.supervision.take_happenings():
             if happening.is_error:
                 self.log_error(happening.text, happening.component)
             else:
                 self.log_event(happening.text, happening.component)
-        self.remember()
 
     def settle(self) -> None:
         """The same, for services."""

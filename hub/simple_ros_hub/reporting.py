@@ -142,7 +142,7 @@ class Reporter:
         ours = {view.component.name for view in self._hub.supervision.views()}
         stamp_ns = self._hub.node.clock.now().nanoseconds
         found = []
-        for name, heartbeat in self._hub.senses.heartbeats.items():
+        for name, heartbeat in self._hub.senses.signs.newest.items():
             age_s = (stamp_ns - heartbeat.header.stamp.ToNanoseconds()) / 1e9
             if name not in ours:
                 found.append(
@@ -161,7 +161,7 @@ class Reporter:
         return found
 
     def _heartbeat(self, name: str) -> EngineStatus | None:
-        return self._hub.senses.heartbeats.get(name)
+        return self._hub.senses.signs.newest.get(name)
 
     def _overview(self, performance: WirelessPerformance) -> ResourceOverview:
         hub = self._hub

@@ -21,6 +21,7 @@ from simple_ros.node import NodeHandle
 from simple_ros.qos import QosProfile
 from simple_ros_hub.components import NAMESPACE
 from simple_ros_hub.coordination import Coordinator
+from simple_ros_hub.signs import Signs
 from simple_ros_hub.watchdog import TopicWatchdog
 
 __all__ = ["Senses"]
@@ -42,10 +43,11 @@ class Senses:
         coordinator: Gets what is told of links.
         heard: Called with a component's name and its sign of life.
         period_s: Expected between messages of the engines.
+        ours: Names of the components that are looked after.
 
     Attributes:
-        heartbeats: The newest of each component, by name.
-        cells: The newest status of each cell, by name.
+        signs: The newest sign of life of each component.
+        cells: The newest status of each cell that is looked after, by name.
         watchdogs: By topic.
         channels: The newest state of each link, by key.
     """
@@ -56,8 +58,9 @@ class Senses:
         coordinator: Coordinator,
         heard: Callable[[str, EngineStatus], None],
         period_s: float,
+        ours: Collection[str],
     ) -> None:
-        self.heartbeats: dict[str, EngineStatus] = {}
+        self.signs = Signs(ours)
         self.cells: dict[str, CellStatus] = {}
         self.watchdogs: dict[str, TopicWatchdog] = {}
         self.channels: dict[str, ChannelState] = {}
@@ -65,6 +68,7 @@ class Senses:
         self._coordinator = coordinator
         self._heard = heard
         self._period_s = period_s
+        self._ours = ours
 
     async def open(self) -> None:
         """Subscribe."""
@@ -74,7 +78,7 @@ class Senses:
         await self._node.subscribe(f"/{NAMESPACE}/cell_status", CellStatus, self._cell, qos=qos)
         await self._watch("channel_state", ChannelState, self._channel)
         await self._watch("phy_layer_metrics", PhyLayerMetrics, links.metrics)
-        await self._watch("constraints", Constraint, lambda message, _: links.constraint(message))
+        await self._watch("constraints", Constraint, links.constraint)
         await self._watch("transmission_strategy", TransmissionStrategy, links.strategy)
 
     async def _watch(
@@ -94,7 +98,7 @@ class Senses:
 
     def _status(self, message: EngineStatus) -> None:
         name = message.name.strip("/").removeprefix(f"{NAMESPACE}/")
-        self.heartbeats[name] = message
+        self.signs.came(name, message, time.monotonic())
         self._heard(name, message)
 
     def _channel(self, message: ChannelState, now_s: float) -> None:
@@ -102,7 +106,8 @@ class Senses:
         self._coordinator.channel(message, now_s)
 
     def _cell(self, message: CellStatus) -> None:
-        self.cells[message.name] = message
+        if message.name in self._ours:
+            self.cells[message.name] = message
 
     def began(self, component: str) -> None:
         """A component was started (again)."""
@@ -116,6 +121,7 @@ class Senses:
             working: Names of the components that ought to have something to tell.
         """
         now_s = time.monotonic()
+        self.signs.forget(now_s)
         for key in self.channels.keys() - self._coordinator.newest_metrics.keys():
             del self.channels[key]
         flows = True

@@ -15,6 +15,7 @@ __all__ = [
     "DEFAULT_MASTER",
     "RESERVED_PORTS",
     "ConnectionState",
+    "address_of",
     "connection_state",
     "find_own_ipv4",
     "further_addresses",
@@ -46,11 +47,27 @@ def split_address(address: str, default_port: int | None = None) -> tuple[str, i
     if not colon or text.endswith("]") or (":" in host and not host.startswith("[")):
         host, port = text, "" if default_port is None else str(default_port)
     host = host.removeprefix("[").removesuffix("]")
-    if not host or not port.isdigit():
+    if not host or not (port.isascii() and port.isdigit()):
         raise ConfigError(f"{address!r} is not an address; write host:port or [v6]:port")
     if int(port) > 65535:
         raise ConfigError(f"{address!r} is not an address host:port: ports end at 65535")
     return host, int(port)
+
+
+def address_of(text: str, what: str = "address") -> tuple[str, int]:
+    """Where to listen, from ``[HOST:]PORT``: host and port; 127.0.0.1 if there is no host.
+
+    Args:
+        text: As somebody wrote it.
+        what: What it is the address of, for the message.
+
+    Raises:
+        ConfigError: It is no such text.
+    """
+    host, _, port = text.rpartition(":")
+    if not port.isdecimal() or int(port) > 65535:
+        raise ConfigError(f"{what} {text!r} is not of the form [HOST:]PORT")
+    return host.strip("[]") or "127.0.0.1", int(port)
 
 
 def join_address(host: str, port: int) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from support.processes import program
+from support.waiting import until
 
 from simple_ros import aio
 from simple_ros.msg.std_msgs import String
@@ -144,4 +145,4 @@ async def test_a_second_signal_does_not_disturb_the_goodbye(
         assert await child.errors() == ""
         assert child.process.stdout is not None
         assert await child.process.stdout.read() == b""
-    assert list(master.graph.nodes()) == []
+    await until(lambda: not list(master.graph.nodes()), "the Master knows that it has ended")

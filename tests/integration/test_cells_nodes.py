@@ -124,8 +124,8 @@ async def test_the_camera_cell_follows_its_constraint(master: Master, robot: Rob
         await until(lambda: statuses and statuses[-1].messages_in == 4, "the status")
         assert statuses[-1].constraint_type == "REDUCED"
         assert statuses[-1].memory_bytes > 1_000_000
+        await until(lambda: beats and beats[-1].state == "active", "its state")
         assert beats[-1].kind == "cell"
-        assert beats[-1].state == "active"
         assert beats[-1].name == "wireless_ros/camera_cell"
 
 
@@ -268,6 +268,8 @@ async def test_the_command_cell_limits_and_holds(master: Master, robot: Robot) -
         await until(lambda: len(driven) >= 3, "a limited command")
         assert driven[2].linear.x == pytest.approx(0.8)
         robot.level.publish(Degradation(level=3, min_priority=5, rate_factor=0.25, name="SAFE"))
+        # It holds after silence, too.
+        await until(lambda: cell.budget.min_priority == 5, "the level")
         await until(lambda: driven[-1].linear.x == 0, "a hold at level SAFE")
         count = len(driven)
         command(1.0)

@@ -98,7 +98,8 @@ async def test_shipped_types_names_and_topics(master: Master) -> None:
     new("talker", "-m", "geometry_msgs/Twist", "--topic", "/cmd_vel")
     new("listener", "watcher", "-m", "Twist", "--topic", "cmd_vel")
     where = {"SIMPLE_ROS_MASTER": master.address}
-    async with python("twist_talker.py", **where), python("watcher.py", **where):
+    async with python("twist_talker.py", **where), python("watcher.py", **where) as watcher:
+        await watcher.line()  # both are there
         code, stdout, _ = await run("topic", "echo", "cmd_vel", "--once", **where)
         assert (code, stdout.splitlines()[0]) == (0, "linear: {}")
 

@@ -194,6 +194,7 @@ class TestCall:
         told = ("no answer from node 'robot' in time", "the provider gave up: its time was over")
         assert code == 1
         assert stderr in [f"error: service 'never': {reason}\n" for reason in told]
+        await until(lambda: provided.statistics.running == 0, "the end of the first call")
         async with python(*PROGRAM, *words) as process:
             await until(lambda: provided.statistics.running == 1)
             process.signal(signal.SIGINT)

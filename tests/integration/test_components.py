@@ -152,6 +152,7 @@ async def test_the_program_runs_components_with_names_and_remaps(
         python("-m", "simple_ros.components", *words, **where) as process,
     ):
         assert await process.line() == "heard talker"
+        await observer.wait_for_master(30)
         names = [node.node_name for node in await observer.client.get_nodes()]
         assert sorted(names) == ["ear", "observer", "talker"]
         process.signal(signal.SIGINT)

@@ -261,9 +261,11 @@ async def test_a_latched_message_is_worth_nothing_after_its_lifespan(master: Mas
         late = loop.time() + 0.02
         await until(lambda: loop.time() > late)
         await node.subscribe("map", SensorData, lambda m: got.append(m.sensor_id))
-        publisher.publish(SensorData(sensor_id=2))
-        await until(lambda: got)
-        assert got == [2]
+        await publisher.wait_for_subscribers(1, timeout=30)
+        while not got:  # one that waits too long here is worth nothing, either
+            publisher.publish(SensorData(sensor_id=2))
+            await asyncio.sleep(0)
+        assert 1 not in got
 
 
 async def test_a_second_subscription_hears_that_publishers_are_alive(master: Master) -> None:
@@ -354,7 +356,7 @@ STUCK = """
         async with aio.NodeHandle("talker") as node, contextlib.AsyncExitStack() as stack:
             publishers = [
                 await stack.enter_async_context(await node.advertise(f"big{i}", ControlCommand))
-                for i in range(3)
+                for i in range(8)
             ]
             for publisher in publishers:
                 await publisher.wait_for_subscribers(1)
@@ -381,7 +383,7 @@ async def test_the_end_is_quick_with_publishers_that_are_stuck(master: Master) -
     server = await asyncio.start_server(never_read, "127.0.0.1", 0, limit=1024)
     port = server.sockets[0].getsockname()[1]
     async with MasterClient(master.address) as client:
-        for index in range(3):
+        for index in range(8):
             info = ros.NodeInfo(ip="127.0.0.1", port=port, node_name="stuck")
             request = ros.SubscribeRequest(
                 topic_name=f"big{index}", msg_type="example.ControlCommand", node_info=info
@@ -394,7 +396,8 @@ async def test_the_end_is_quick_with_publishers_that_are_stuck(master: Master) -
         watch = Stopwatch()
         talker.signal(signal.SIGINT)
         assert await talker.wait() == 0
-        assert watch.seconds < 1.0
+        # Up to 0.5 s for all of them; one after the other it would be 4 s.
+        assert watch.seconds < 2.0
         assert await talker.errors() == ""
     ended.set()
     server.close()

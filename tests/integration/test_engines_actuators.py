@@ -99,8 +99,9 @@ async def test_in_the_senders_node_rate_quality_voxels_and_priority_are_set_and_
             PriorityActuator(marks),
             Broken(),
         ]
-        await StrategyApplier(robot, actuators, "4601").start()
+        # First who hears the reports: then their publisher has that subscriber from the beginning.
         strategies = await strategist(user, reports)
+        await StrategyApplier(robot, actuators, "4601").start()
         await strategies.wait_for_subscribers(1, timeout=30)
         strategies.publish(strategy(link_id="4602"))
         strategies.publish(strategy(priority=5, compression_ratio=0.25))

@@ -6,7 +6,7 @@ import asyncio
 import math
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
 import numpy as np
@@ -88,8 +88,11 @@ async def test_a_place_gets_no_quality_that_was_measured_elsewhere(
 async def test_a_planned_path_is_answered_by_a_better_one(master: Master) -> None:
     engine = CrossDomainEngine()
     found: list[Path] = []
-    async with handle("user", master) as user, at_work(engine, master):
+    async with AsyncExitStack() as stack:
+        user = await stack.enter_async_context(handle("user", master))
+        # Before the engine advertises it: then its publisher has this subscriber from the beginning.
         await user.subscribe("/wireless_ros/comm_aware_path", Path, found.append)
+        await stack.enter_async_context(at_work(engine, master))
         maps = await user.advertise("/map", OccupancyGrid, qos=LATCHED)
         maps.publish(numpy_to_occupancy_grid(np.zeros((300, 300), np.int8), 0.05))
         plans = await user.advertise("/planned_path", Path)

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from support.processes import python
 from support.shaper import at, environment, shaper
-from support.waiting import LIMIT_S, until
+from support.waiting import LIMIT_S, Stopwatch, until
 
 from simple_ros.errors import ConfigError
 from simple_ros.msg.example import ControlCommand
@@ -97,8 +97,8 @@ async def test_real_processes_talk_through_the_shaper_both_ways(
             begun: list[float] = []
             while not got:
                 # The robot's own link back may not stand yet.
-                forth.publish(ControlCommand(cmd_id=len(begun)))
                 begun.append(loop.time())
+                forth.publish(ControlCommand(cmd_id=len(begun) - 1))
                 with contextlib.suppress(AssertionError):
                     await until(lambda: got, limit=1.0)
             assert loop.time() - begun[got[0].cmd_id] >= 0.1
@@ -138,17 +138,19 @@ async def test_a_rate_is_kept_drops_are_whole_and_the_books_balance(
             env = environment("robot", where, master.address)
             async with python_program(CAMERA, env, "20", "100000") as camera:
                 assert await camera.line() == "sent"
+                watch = Stopwatch()
                 await until(lambda: len(got) >= 3)
                 settled = await idle(tool)
                 (item,) = [c for c in settled.links[0].classes if c.name == "bulk"]
+                await until(lambda: len(got) == item.delivered, "what was delivered has come")
+                hindered = watch.hindered
     assert item.offered == 20
     assert item.delivered + item.dropped == 20
-    assert item.delivered == len(got)
     assert item.dropped > 5
     assert {size for _, size in got} == {100_000}
     # 8 Mbit/s carry a message of 100 kB in a tenth of a second.
     gaps = [b[0] - a[0] for a, b in pairwise(got)]
-    assert sum(gaps) / len(gaps) == pytest.approx(0.1, abs=0.02)
+    assert sum(gaps) / len(gaps) == pytest.approx(0.1, abs=0.02 + hindered / len(gaps))
 
 
 async def told(tool: NodeHandle, condition: Callable[[LinkStatistics], bool]) -> LinkStatistics:
@@ -169,7 +171,8 @@ async def idle(tool: NodeHandle) -> ShaperStatistics:
 
 
 async def test_a_command_overtakes_bulk_on_the_same_link(master: Master, tmp_path: Path) -> None:
-    data = {"links": {"robot": {"up": {"rate_mbps": 4}}}, "classes": CLASSES}
+    # The bulk takes a second: time for the command to set out.
+    data = {"links": {"robot": {"up": {"rate_mbps": 1.6}}}, "classes": CLASSES}
     order: list[str] = []
     async with shaper(tmp_path, data) as (_, where):
         async with (

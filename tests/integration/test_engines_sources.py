@@ -43,9 +43,11 @@ from simple_ros_master import Master
 
 def program(folder: Path, name: str, text: str) -> None:
     """A program of that name that does what ``text``, a shell script, says."""
-    file = folder / name
+    file = folder / f"{name}.new"
     file.write_text(f"#!/bin/sh\n{text}\n")
     file.chmod(0o755)
+    # At once: somebody may be about to run the former one.
+    file.replace(folder / name)
 
 
 @pytest.fixture
@@ -82,7 +84,7 @@ END
     async with at_work(engine, master, **source("wifi", period_s=0.05)):
         await until(lambda: "wlan0/02:00:00:00:01:00" in engine.newest, "the station")
         assert engine.newest["wlan0/02:00:00:00:01:00"][0].snr_db == 35.0
-        (programs / "iw").write_text("#!/bin/sh\nexit 237\n")
+        program(programs, "iw", "exit 237")
         await until(lambda: engine.state == "degraded", "the missing interface")
         assert "neither iw nor" in engine.detail or "no Wi-Fi interface" in engine.detail
 

@@ -436,6 +436,8 @@ async def test_parameters(master: Master) -> None:
         gain = {"name": "/motor/gain", "value": 2.5, "type": "float64"}
         assert client.parameters("all") == [gain, {"name": "/motor/name", "value": "left"}]
         await other.say("subscribeParameterUpdates", parameterNames=["/motor/gain"])
+        sessions = [item.session for item in bridge.server.clients]
+        await until(lambda: any(item.wants_parameter("motor/gain") for item in sessions))
         await client.say("getParameters", parameterNames=["/nothing"], id="none")
         await until(lambda: any(i.get("id") == "none" for i in client.heard("parameterValues")))
         assert client.parameters("none") == []
@@ -594,6 +596,7 @@ async def test_selected_services_and_parameters_only(master: Master) -> None:
         await client.say("setParameters", parameters=[{"name": "/secret", "value": 2}], id="s")
         await until(lambda: client.statuses())
         assert "not shown here" in client.statuses()[0][1]
+        await until(lambda: bridge._parameters._watch, "changes are told to the bridge")
         await node.set_parameters({"/secret": 3})
         await node.set_parameters({"~gain": 3.5})
         await until(lambda: client.parameters())

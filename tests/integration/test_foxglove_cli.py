@@ -66,6 +66,7 @@ async def test_live_recorded_and_counted(master: Master, tmp_path: Path) -> None
         while line.startswith("{"):
             line = await process.line()
         assert line == f"wrote {path}: {2} messages"
+        assert await process.wait() == 0
     assert texts(path, "chatter") == ["hello"]
 
 

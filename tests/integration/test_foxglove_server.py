@@ -283,7 +283,8 @@ async def test_clients_that_break_off() -> None:
 
 
 async def test_who_answers_no_ping_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("simple_ros.foxglove.connection._PING_S", 0.2)
+    # Who answers has as long for it; here that is the same process, which may stand still meanwhile.
+    monkeypatch.setattr("simple_ros.foxglove.connection._PING_S", 0.7)
     monkeypatch.setattr("simple_ros.foxglove.connection._CLOSE_S", 0.1)
     async with server().listening(port=0) as running, connected(running.port) as silent:
         async with connected(running.port) as idle:

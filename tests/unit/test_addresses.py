@@ -32,6 +32,26 @@ def test_join_is_the_way_back() -> None:
         assert addresses.join_address(*addresses.split_address(text)) == text
 
 
+@pytest.mark.parametrize(
+    ("text", "pair"),
+    [
+        ("8090", ("127.0.0.1", 8090)),
+        (":8090", ("127.0.0.1", 8090)),
+        ("0.0.0.0:0", ("0.0.0.0", 0)),
+        ("[::1]:8090", ("::1", 8090)),
+        ("robot:65535", ("robot", 65535)),
+    ],
+)
+def test_where_to_listen(text: str, pair: tuple[str, int]) -> None:
+    assert addresses.address_of(text) == pair
+
+
+@pytest.mark.parametrize("text", ["", "host", "host:", "host:x", "1.2.3.4:70000", "host:\u00b2"])
+def test_where_nobody_can_listen(text: str) -> None:
+    with pytest.raises(ConfigError, match=r"page address .* is not of the form \[HOST:\]PORT"):
+        addresses.address_of(text, "page address")
+
+
 def test_master_is_found_by_argument_then_environment_then_default(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -14,6 +14,7 @@ from simple_ros.msg.nav_msgs import OccupancyGrid
 from simple_ros.msg.wireless_ros_msgs import (
     ChannelState,
     Constraint,
+    EngineStatus,
     FieldQuality,
     PhyLayerMetrics,
     TransmissionStrategy,
@@ -28,11 +29,11 @@ from simple_ros_hub.components import (
     with_parameters,
 )
 from simple_ros_hub.coordination import Coordinator, ResourceLimits, wished_blocks
-from simple_ros_hub.dashboard import address_of
 from simple_ros_hub.flow import PriorityGate, TokenBucket
 from simple_ros_hub.journal import Journal
 from simple_ros_hub.performance import LinkNumbers, Performance, numbers_of
 from simple_ros_hub.picture import map_json
+from simple_ros_hub.signs import Signs
 from simple_ros_hub.watchdog import TopicWatchdog
 
 # -- circuit breaker ---------------------------------------------------------------------------
@@ -308,13 +309,13 @@ def test_sharing_among_links() -> None:
 
 def test_a_link_that_may_use_nothing_still_wishes() -> None:
     hub = Coordinator(ResourceLimits(max_total_prbs=10))
-    hub.constraint(Constraint(link_id="1", max_data_rate=5))
+    hub.constraint(Constraint(link_id="1", max_data_rate=5), 0)
     hub.strategy(strategy("1", 8, 5e6), 0)
     hub.strategy(strategy("1", 0, 0), 1)
-    hub.constraint(Constraint(link_id="2", max_data_rate=5))
+    hub.constraint(Constraint(link_id="2", max_data_rate=5), 1)
     hub.strategy(strategy("2", 0, 0), 1)
     assert [grant.wanted for grant in hub.share(1).blocks.grants] == [8, 5]
-    hub.constraint(Constraint(link_id="1", max_data_rate=0))
+    hub.constraint(Constraint(link_id="1", max_data_rate=0), 2)
     hub.strategy(strategy("1", 0, 0), 2)
     assert hub.share(2).blocks.grants[0].wanted == 0
 
@@ -335,6 +336,46 @@ def test_links_that_fall_silent_give_their_share_back() -> None:
     hub.strategy(strategy("2", 80), 11)
     shared = hub.share(11)
     assert [(grant.key, grant.granted) for grant in shared.blocks.grants] == [("2", 80)]
+
+
+def test_links_that_come_under_ever_new_keys_leave_nothing() -> None:
+    # Each time a link attaches anew it has another number. The physical engine may be down meanwhile, so that
+    # there is a constraint and never a wish.
+    hub = Coordinator()
+    most = 0
+    for number in range(1, 500):
+        now_s, key = float(number), f"{number:x}"
+        hub.channel(ChannelState(link_id=key), now_s)
+        hub.metrics(PhyLayerMetrics(link_id=key, prb_total=51), now_s)
+        hub.constraint(Constraint(link_id=key, max_data_rate=5), now_s)
+        if number % 2:
+            hub.strategy(strategy(key, 8), now_s)
+        hub.share(now_s)
+        known = (hub.constraints_known, hub.users, len(hub.healths()))
+        most = max(most, *known, len(hub.performance.present(now_s)))
+    assert most <= 11
+    hub.share(511)
+    assert (hub.constraints_known, hub.users, hub.healths()) == (0, 0, {})
+
+
+def test_a_constraint_stays_while_its_link_wishes() -> None:
+    hub = Coordinator()
+    hub.constraint(Constraint(link_id="1", max_data_rate=20), 0)
+    for now_s in (0, 8, 16):
+        hub.strategy(strategy("1", 10, 4e6), now_s)
+        hub.share(now_s)
+    assert hub.constraints_known == 1
+
+
+def test_strangers_are_forgotten_and_ours_are_not() -> None:
+    signs = Signs({"camera"}, forget_after_s=60)
+    signs.came("camera", EngineStatus(state="active"), 0)
+    for now_s in range(1000):
+        signs.came(f"engine_{now_s}", EngineStatus(state="active"), now_s)
+        signs.forget(now_s)
+        assert len(signs.newest) <= 62
+    signs.forget(2000)
+    assert list(signs.newest) == ["camera"]
 
 
 # -- components --------------------------------------------------------------------------------
@@ -414,12 +455,3 @@ def test_maps_are_made_small_enough_for_a_page() -> None:
     assert set(base64.b64decode(shown["cells"])) == {0, 1, 50, 101}
     grid.info.width = 601
     assert map_json(grid) is None
-
-
-def test_addresses_of_the_dashboard() -> None:
-    assert address_of("8090") == ("127.0.0.1", 8090)
-    assert address_of("0.0.0.0:0") == ("0.0.0.0", 0)
-    assert address_of("[::1]:8090") == ("::1", 8090)
-    for bad in ("", "host", "host:99999", "host:x"):
-        with pytest.raises(ConfigError):
-            address_of(bad)

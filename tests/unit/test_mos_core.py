@@ -12,7 +12,6 @@ from simple_ros.errors import ConfigError
 from simple_ros_engines.network_exposure.mos.board import MOST_GROUPS, Board
 from simple_ros_engines.network_exposure.mos.estimator import BEST, WORST, Estimator, is_score
 from simple_ros_engines.network_exposure.mos.judgements import Judge, Judgements
-from simple_ros_engines.network_exposure.mos.page_server import address_of
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 
@@ -135,11 +134,3 @@ def test_silent_topics_stay() -> None:
     made.flows_are(["b"])
     assert not made.topics["a"].is_flowing
     assert made.topics["b"].is_flowing
-
-
-def test_addresses() -> None:
-    assert address_of("8090") == ("127.0.0.1", 8090)
-    assert address_of("[::1]:0") == ("::1", 0)
-    for wrong in ("", "host", "host:x", "1.2.3.4:70000"):
-        with pytest.raises(ConfigError, match="PORT"):
-            address_of(wrong)

@@ -12,7 +12,7 @@ from typing import Any, Protocol, cast
 
 from simple_ros.errors import ConfigError
 from simple_ros.net.addresses import split_address
-from simple_ros.net.stream import StreamTransport, connected
+from simple_ros.net.stream import StreamTransport, connected_tcp
 from simple_ros.wire.framing import FrameDecoder, Run, header_names
 from simple_ros_engines.link_shaper.hello import (
     MAX_LINE_BYTES,
@@ -136,9 +136,8 @@ class Incoming(asyncio.BufferedProtocol):
     async def _dial(self, hello: Hello) -> None:
         try:
             host, port = split_address(hello.address)
-            infos = await asyncio.get_running_loop().getaddrinfo(host, port)
             async with asyncio.timeout(_DIAL_S):
-                sock = await connected(infos[0][0], infos[0][4])
+                sock = await connected_tcp(host, port)
         except (OSError, ConfigError) as error:
             reason = f"{hello.address} at {hello.target} does not answer: {error}"
             self._transport.write(answer_line(reason))

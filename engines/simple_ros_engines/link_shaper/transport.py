@@ -17,7 +17,7 @@ from typing import ClassVar
 
 from simple_ros.errors import ConfigError
 from simple_ros.net.addresses import join_address, split_address
-from simple_ros.net.stream import StreamTransport, connected
+from simple_ros.net.stream import StreamTransport, connected_tcp
 from simple_ros.net.transport import Acceptor, Listener, Place, Transport
 from simple_ros_engines.link_shaper.hello import (
     MAX_LINE_BYTES,
@@ -147,7 +147,7 @@ class ShapedTransport(Transport):
         """Connect: through the shaper if the other is at another site."""
         where, _, site = address.partition("://")[2].partition("/")
         if site == self.site or OBSERVER in (site, self.site):
-            sock = await _connected(split_address(where))
+            sock = await connected_tcp(*split_address(where))
         else:
             sock = await self._through_shaper(Hello(self.site, site, where))
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
@@ -174,7 +174,7 @@ async def dial_shaper(shaper: tuple[str, int], hello: Hello) -> socket.socket:
     Raises:
         OSError: The shaper does not answer, or refuses.
     """
-    sock = await _connected(shaper)
+    sock = await connected_tcp(*shaper)
     try:
         await asyncio.get_running_loop().sock_sendall(sock, hello_line(hello))
         _check(await _answer(sock))
@@ -203,10 +203,3 @@ def _check(line: bytes) -> None:
         raise ConnectionRefusedError(f"no link shaper listens there: {error}") from None
     if reason:
         raise ConnectionRefusedError(f"the shaper says: {reason}")
-
-
-async def _connected(address: tuple[str, int]) -> socket.socket:
-    loop = asyncio.get_running_loop()
-    infos = await loop.getaddrinfo(*address, type=socket.SOCK_STREAM)
-    family, _, _, _, target = infos[0]
-    return await connected(family, target)

@@ -15,12 +15,13 @@ from simple_ros.msg.network_exposure_msgs import (
     UniqueTopicFlowStats,
 )
 from simple_ros.msg.turtlesim_msgs import AdaptationRequest, Mos
+from simple_ros.net.addresses import address_of
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher
 from simple_ros.qos import LATCHED, QosProfile
 from simple_ros_engines.network_exposure.mos.board import MOST_GROUPS, Board
 from simple_ros_engines.network_exposure.mos.judgements import Judge, Judgements
-from simple_ros_engines.network_exposure.mos.page_server import Feed, PageServer, address_of
+from simple_ros_engines.network_exposure.mos.page_server import Feed, PageServer
 from simple_ros_engines.network_exposure.turtlesim.adaptation import (
     ADAPTATION_TOPIC,
     Adaptations,
@@ -80,7 +81,7 @@ class MeanOpinionScoring(Engine):
             ConfigError: ``page`` is no address.
         """
         host, port = address_of(
-            str(await node.declare_parameter("~page", "127.0.0.1:8090", read_only=True))
+            str(await node.declare_parameter("~page", "127.0.0.1:8090", read_only=True)), "~page"
         )
         self._valid_s = float(await node.declare_parameter("~valid_s", 0.0, minimum=0))
         node.on_parameter_changed("~valid_s", self._set_valid)

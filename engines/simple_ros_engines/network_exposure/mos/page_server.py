@@ -23,7 +23,7 @@ from websockets.http11 import Request, Response
 
 from simple_ros.errors import ConfigError, SimpleRosError
 
-__all__ = ["Feed", "PageServer", "address_of"]
+__all__ = ["Feed", "PageServer"]
 
 logger = logging.getLogger(__name__)
 
@@ -36,18 +36,6 @@ _MOST_BYTES = 65536
 
 Feed = Callable[[], dict[str, Any]]
 """What to send next; each page that is open has its own."""
-
-
-def address_of(text: str) -> tuple[str, int]:
-    """Host and port of ``[HOST:]PORT``; 127.0.0.1 if there is no host.
-
-    Raises:
-        ConfigError: It is no such text.
-    """
-    host, _, port = text.rpartition(":")
-    if not port.isdecimal() or int(port) > 65535:
-        raise ConfigError(f"address {text!r} is not of the form [HOST:]PORT")
-    return host.strip("[]") or "127.0.0.1", int(port)
 
 
 class PageServer:

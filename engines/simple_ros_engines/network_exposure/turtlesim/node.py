@@ -35,12 +35,13 @@ from simple_ros.msg.turtlesim_msgs import (
     TeleportRelativeResponse,
 )
 from simple_ros.msg.visualization_msgs import MarkerArray
+from simple_ros.net.addresses import address_of
 from simple_ros.node import NodeHandle
 from simple_ros.publisher import Publisher
 from simple_ros.qos import SENSOR_DATA, QosProfile
 from simple_ros_engines.network_exposure.mos.judgements import Judgements
 from simple_ros_engines.network_exposure.mos.node import MOS_TOPIC, judge_of
-from simple_ros_engines.network_exposure.mos.page_server import Feed, PageServer, address_of
+from simple_ros_engines.network_exposure.mos.page_server import Feed, PageServer
 from simple_ros_engines.network_exposure.turtlesim.adaptation import (
     ADAPTATION_TOPIC,
     Adaptations,
@@ -121,7 +122,7 @@ class Turtlesim(Engine):
         self._tag = str(await get("~tag", TAG, read_only=True))
         rate_hz = float(await get("~rate", 62.5, minimum=1, maximum=1000, read_only=True))
         self._turtles = int(await get("~turtles", 1, minimum=0, maximum=64, read_only=True))
-        host, port = address_of(str(await get("~page", "127.0.0.1:8091", read_only=True)))
+        host, port = address_of(str(await get("~page", "127.0.0.1:8091", read_only=True)), "~page")
         slip = float(await get("~slip", 0.0, minimum=0, maximum=5, read_only=True))
         self.world = World(Slip(slip, SLIP_TAU_S, partial(random.gauss, 0.0, 1.0)))
         colour = await get("~background", list(self._background), minimum=0, maximum=255)
