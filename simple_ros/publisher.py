@@ -2,8 +2,8 @@
 
 A message is serialised once, whatever the number of subscribers. A message that comes alone is sent
 at once. Those that follow it within 0.1 ms are a burst: they are joined and sent together when the
-present tick of the event loop ends, or earlier, when 64 of them (up to 256, for several links) or one of more than
-1 KiB have gathered. So a single
+present tick of the event loop ends, or earlier, when 128 of them (256, for several links; fewer while a link that
+must not lose any is busy) or one of more than 1 KiB have gathered. So a single
 message is never delayed, a burst costs one system call, and a slow publisher costs no extra tick.
 """
 
@@ -46,7 +46,8 @@ MessageT = TypeVar("MessageT")
 _pack_u32 = Struct(">I").pack
 _monotonic = time.monotonic
 _get_ident = threading.get_ident
-_BATCH_MESSAGES = 64
+_BATCH_MESSAGES = 128
+_BATCH_WHILE_BUSY = 64
 _SMALL_BYTES = 1024
 _MOST_TOGETHER = 256
 _FRAME_BYTES = _SMALL_BYTES + 4 + 2 * (2 + MAX_NAME_BYTES)
@@ -524,10 +525,15 @@ class Publisher(Generic[MessageT]):
         spellings = self._links.spellings
         links = sum(len(spelling.links) for spelling in spellings)
         # A system call for each link is what a batch costs: the more links, the more messages share it.
-        together = self._together = min(_BATCH_MESSAGES * max(1, links), _MOST_TOGETHER)
         self._is_direct = not self._blocks or all(
             link.takes_any for spelling in spellings for link in spelling.links
         )
+        batch = _BATCH_MESSAGES if self._is_direct else _BATCH_WHILE_BUSY
+        together = min(batch * max(1, links), _MOST_TOGETHER)
+        if self._blocks:
+            # A link that breaks now keeps them for its successor.
+            together = max(_BATCH_WHILE_BUSY, min(together, self.qos.depth))
+        self._together = together
         self._is_plain = (
             len(spellings) == 1
             and not (self._closed or self._latches or self._deadline or self._links.references)
