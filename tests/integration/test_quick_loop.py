@@ -14,6 +14,7 @@ from support.waiting import until
 
 from simple_ros.net.inbound_stream import InboundStream, take_connection
 from simple_ros.net.quick_loop import QuickLoop, add_quick_reader
+from simple_ros.net.stream import connected_tcp
 
 Main = Callable[[], Coroutine[Any, Any, None]]
 
@@ -329,6 +330,33 @@ def test_a_protocol_that_fails_ends_its_connection_and_no_other(
             assert ours.fileno() == -1
             taking.transport.abort()
             await until(lambda: taking.lost == [None])
+
+    anywhere(main)
+
+
+def test_only_little_of_a_large_message_is_under_way_inside_this_host(
+    anywhere: Callable[[Main], None],
+) -> None:
+    def under_way(sock: socket.socket) -> int:
+        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
+
+    async def main() -> None:
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            ours = await connected_tcp("127.0.0.1", server.getsockname()[1])
+            theirs, _ = server.accept()
+            with ours, theirs:
+                taking = Taking()
+                await take_connection(lambda: taking, ours)
+                before = under_way(ours)
+                taking.transport.write(b"small")
+                assert under_way(ours) == before
+                taking.transport.writelines([b"large", bytes(300_000)])
+                # The kernel takes twice what it is asked for, or as much as it allows.
+                assert under_way(ours) <= 1 << 20
+                assert under_way(ours) != before
+                assert theirs.recv(10, socket.MSG_WAITALL) == b"smalllarge"
+                taking.transport.abort()
+                await until(lambda: taking.lost)
 
     anywhere(main)
 
