@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from simple_ros.net.addresses import is_tcp, no_delay
 from simple_ros.net.quick_loop import add_quick_reader
 
 __all__ = ["StreamTransport", "connected", "connected_tcp"]
@@ -169,10 +170,7 @@ class StreamTransport(asyncio.Transport):
         if data:
             self._received(data)
         else:
-            self._ended_by_peer()
-
-    def _ended_by_peer(self) -> None:
-        self._end(None)
+            self._end(None)
 
     def _received(self, data: bytes) -> None:
         self._protocol.data_received(data)
@@ -225,7 +223,7 @@ def _peer_of(sock: socket.socket) -> object:
 
 def _ends_here(sock: socket.socket) -> bool:
     """Whether a TCP connection leads to this host."""
-    if sock.family not in (socket.AF_INET, socket.AF_INET6):
+    if not is_tcp(sock):
         return False
     try:
         return bool(sock.getpeername()[0] == sock.getsockname()[0])
@@ -252,8 +250,7 @@ async def connected(family: int, address: Any) -> socket.socket:
     try:
         sock.setblocking(False)
         await asyncio.get_running_loop().sock_connect(sock, address)
-        if family in (socket.AF_INET, socket.AF_INET6):
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        no_delay(sock)
     except BaseException:
         sock.close()
         raise
